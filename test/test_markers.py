@@ -99,7 +99,6 @@ def test_what_is_shown_is_never_old(world, monkeypatch):
 def test_nothing_is_made_for_nobody_and_frames_need_tf2_msgs(world, monkeypatch):
     made = []
     monkeypatch.setattr("eulerparams_control.ros.views.HAS_TF", False)
-    monkeypatch.setattr("eulerparams_control.ros.control_node.HAS_TF", False)
     monkeypatch.setattr("eulerparams_control.ros.views.markers_to_ros", lambda *_: made.append(1))
     running = Controlled(world, "clik", FRAMES | {"publish_tf": True})
     for _ in range(100):

@@ -6,10 +6,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.errors import ConfigurationError, NotCompiledError
+from eulerparams_control.laws.compiled import nothing_compiled
 from eulerparams_control.laws.inverse import DampedInverse
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import (
+    ORIENTATIONS,
     SEPARATE,
     SEQUENCES,
     SIGNS,
@@ -237,6 +239,11 @@ class ControlParameters(RealTimeParameters):
         return representation(self.orientation, self.orientation_options())
 
     @property
+    def commands_joints(self) -> bool:
+        """Whether commands for the joints are published at all."""
+        return self.command_type != NO_COMMANDS
+
+    @property
     def poles(self) -> tuple[int, int] | None:
         """First and last axis (0, 1, 2) of the Euler angles in use; None if there are none."""
         axes = EulerSequence(self.euler_sequence).axes
@@ -260,6 +267,30 @@ class ControlParameters(RealTimeParameters):
     def posture_or_none(self) -> Array | None:
         """Return the posture (n,) [rad or m], or None."""
         return np.array(self.posture) if self.posture else None
+
+
+def load_laws(parameters: Any, robot: Robot) -> set[str]:
+    """Load the laws that are compiled: from the disk they take a tenth of a second each.
+
+    Args:
+        parameters: those of a scheme; the laws are of all orientations.
+        robot: the arm.
+
+    Returns:
+        the orientations whose laws are loaded.
+    """
+    loaded = {parameters.orientation}
+    for orientation in ORIENTATIONS:
+        other = replace(parameters, orientation=orientation)
+        try:
+            with nothing_compiled():
+                other.make_scheme(robot, other.limits(robot))
+        except NotCompiledError:
+            continue
+        except ConfigurationError:
+            pass  # of what does not suit it now; a change is judged then
+        loaded.add(orientation)
+    return loaded
 
 
 def each_joint(name: str, given: tuple[float, ...], robot: Robot) -> Array:

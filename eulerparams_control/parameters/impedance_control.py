@@ -326,7 +326,7 @@ class ImpedanceParameters(
         """
         bounds = self.effort_limits(robot, limits)
         motion: MotionLoop = NoMotionLoop(robot, bounds)
-        if self.command_type != NO_COMMANDS:
+        if self.commands_joints:
             motion = DynamicControl(robot, self.law(), self.dynamics(robot), bounds)
         return ImpedanceControl(motion, self.impedance_law(robot), chain)
 

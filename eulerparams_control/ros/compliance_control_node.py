@@ -13,11 +13,11 @@ from eulerparams_control.laws.scheme import Tick
 from eulerparams_control.messages.markers import Stiffness
 from eulerparams_control.messages.to_ros import springs_to_ros
 from eulerparams_control.parameters.compliance_control import ComplianceParameters
-from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.commands import ImpedancePublisher
-from eulerparams_control.ros.control_node import ControlNode, Lead
+from eulerparams_control.ros.control_node import ControlNode
 from eulerparams_control.ros.runtime import run
 from eulerparams_control.ros.target_wrench import TargetWrench
+from eulerparams_control.ros.targets import Topics
 
 
 class ComplianceControlNode(ControlNode):
@@ -31,15 +31,15 @@ class ComplianceControlNode(ControlNode):
         )
         super()._subscribe()
 
-    def leaders(self) -> dict[str, tuple[type[Any], Lead]]:
-        """Return the topics that lead the arm, and its force."""
-        return super().leaders() | {"target_wrench": (WrenchStamped, self._press)}
+    def leaders(self) -> Topics:
+        """Return the topic that leads the force of the arm."""
+        return {"target_wrench": (WrenchStamped, self._press)}
 
     def _activated(self) -> None:
         self._pressing = TargetWrench()  # what came before does not count
         super()._activated()
 
-    def _press(self, controller: Controller, _robot: Robot, msg: WrenchStamped) -> None:
+    def _press(self, controller: Controller, msg: WrenchStamped) -> None:
         self._pressing.take(msg, controller, self._input.measured)
 
     def observe(self, t: int, q: Array, dq: Array) -> None:

@@ -40,6 +40,20 @@ def keep_sim_time(node: Node, parameters: Callable[[], ControlParameters]) -> No
     node.add_on_set_parameters_callback(refuse)
 
 
+def surviving(
+    callback: Callable[[Any], None], on_defect: Callable[[Exception], None]
+) -> Callable[[Any], None]:
+    """Return a callback after whose defects ``on_defect`` is called, and the node goes on."""
+
+    def survive(msg: Any) -> None:
+        try:
+            callback(msg)
+        except Exception as error:
+            on_defect(error)
+
+    return survive
+
+
 def survive_wrong_transitions(node: LifecycleNode, health: Health) -> None:
     """Let a node answer a transition that its state does not have; rclpy would end the process."""
     service = node._service_change_state

@@ -17,7 +17,6 @@ from eulerparams_control.laws.impedance_control import ImpedanceControl
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.laws.scheme import Scheme, Tick
-from eulerparams_control.laws.wrench import RestingWrench, WrenchChain, WrenchOptions
 from eulerparams_control.messages.markers import Stiffness
 from eulerparams_control.messages.to_ros import impedance_to_ros
 from eulerparams_control.motion.frames import Placement
@@ -25,16 +24,14 @@ from eulerparams_control.parameters.common import LATEST
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.commands import ComplianceCommands, ImpedancePublisher
-from eulerparams_control.ros.control_node import ControlNode, Lead
+from eulerparams_control.ros.control_node import ControlNode
 from eulerparams_control.ros.publishers import refuse_two_publishers
 from eulerparams_control.ros.qos import QOS
+from eulerparams_control.ros.resting_contact import RestingContact, norms
 from eulerparams_control.ros.runtime import run
 from eulerparams_control.ros.target_wrench import AT_ITS_END, TargetWrench
-from eulerparams_control.ros.targets import TargetStiffness
+from eulerparams_control.ros.targets import TargetStiffness, Topics, stiffness_from_ros
 from eulerparams_control.ros.wrench_input import WrenchInput
-
-# Number of wrenches that decide whether the arm touches something.
-_FEW = 10
 
 
 class ImpedanceControlNode(ControlNode):
@@ -52,15 +49,14 @@ class ImpedanceControlNode(ControlNode):
         self._sensor = WrenchInput(
             self.get_clock(), p.wrench_pairing, p.wrench_timeout, p.max_latency
         )
-        self._resting = RestingWrench(p.tare_samples)
-        self._chain = WrenchChain(WrenchOptions())
+        self._contact = RestingContact(p.tare_samples)
         self._placements: dict[str, Placement] = {}
         self._pressing = TargetWrench()
         self._impedance = ImpedancePublisher[ComplianceLaw](
             self, lambda law, stamp: impedance_to_ros(law.translation, law.rotation, stamp)
         )
         self._read_wrench = self._health.reader(WrenchStamped)
-        self._wrench = self._listen(WrenchStamped, "wrench", self._on_wrench, QOS, raw=True)
+        self._wrench = self.listen(WrenchStamped, "wrench", self._on_wrench, QOS, raw=True)
         self.create_service(Trigger, "~/tare", self._on_tare)
         super()._subscribe()
 
@@ -69,7 +65,7 @@ class ImpedanceControlNode(ControlNode):
     def make_scheme(self, robot: Robot, limits: JointLimits | None) -> ImpedanceControl:
         """Return impedance control for a robot."""
         p: ImpedanceParameters = self._params
-        scheme = p.make_scheme(robot, limits, self._chain)
+        scheme = p.make_scheme(robot, limits, self._contact.chain)
         scheme.sense(self._sensor.fresh)
         return scheme
 
@@ -79,25 +75,25 @@ class ImpedanceControlNode(ControlNode):
         target = self._target.kept(parameters)
         target.of(parameters).change_scheme(scheme, limits)
         self._target = target
-        self._resting.clear()  # they are of another tool or bias
+        self._contact.wrenches.clear()  # they are of another tool or bias
 
-    def leaders(self) -> dict[str, tuple[type[Any], Lead]]:
-        """Return the topics that lead the arm, its stiffness and its force."""
-        more: dict[str, tuple[type[Any], Lead]] = {
+    def leaders(self) -> Topics:
+        """Return the topics that lead the stiffness and the force of the arm."""
+        return {
             "target_stiffness": (WrenchStamped, self._stiffen),
             "target_wrench": (WrenchStamped, self._press),
         }
-        return super().leaders() | more
 
     def _activated(self) -> None:
         self._target = TargetStiffness(self._params, self._params)
         self._pressing = TargetWrench()  # what came before does not count
         super()._activated()
 
-    def _stiffen(self, controller: Controller, robot: Robot, msg: WrenchStamped) -> None:
-        p: ImpedanceParameters = self._params
+    def _stiffen(self, controller: Controller, msg: WrenchStamped) -> None:
+        p, robot = self._params, controller.scheme.robot
         in_base = p.translational_frame == "base"
-        K_p, K_o = self._targets.stiffness(msg, robot.base_frame if in_base else robot.tip_frame)
+        K_p, K_o = stiffness_from_ros(msg, robot.base_frame if in_base else robot.tip_frame)
+        self._leaders.refuse_overtaken("target_stiffness", msg)
         wanted = replace(p, K_p=tuple(K_p.tolist()), K_o=tuple(K_o.tolist()))
         try:
             compliance = wanted.impedance_law(robot).compliance
@@ -111,7 +107,7 @@ class ImpedanceControlNode(ControlNode):
         """Return the publishers of ``compliant_frame`` and ``joint_effort``."""
         robot = self._robot
         assert robot is not None
-        efforts = super().make_commands(joints) if self.commands_joints else None
+        efforts = super().make_commands(joints) if self._params.commands_joints else None
         frames = robot.base_frame, robot.tip_frame
         return ComplianceCommands(self, *frames, efforts)
 
@@ -123,11 +119,10 @@ class ImpedanceControlNode(ControlNode):
         if self._robot is not None and (advice := self._params.advice()):
             self._health.complain(advice, about="impedance")
         if self._robot is not None:
-            self._chain = WrenchChain(self._params.wrench_options(self._robot))
-            self._resting.clear()
+            self._contact.expect(self._params.wrench_options(self._robot))
         return result
 
-    def _press(self, controller: Controller, _robot: Robot, msg: WrenchStamped) -> None:
+    def _press(self, controller: Controller, msg: WrenchStamped) -> None:
         self._pressing.take(msg, controller, self._input.measured)
 
     # --- the wrench --------------------------------------------------------------------
@@ -144,7 +139,7 @@ class ImpedanceControlNode(ControlNode):
             refuse_two_publishers(self, self._wrench)
             placement = self._placement(msg.header.frame_id)
             # in real time, but for lock-step, what repeats itself is a driver that is stuck
-            lockstep = self._is_simulated or self._params.wrench_pairing != LATEST
+            lockstep = self.is_simulated or self._params.wrench_pairing != LATEST
             may_repeat = lockstep and not self._input.is_commanded
             waits = may_repeat and self._input.repeats
             self._sensor.take(msg, placement, may_repeat=may_repeat, waits=waits)
@@ -189,9 +184,9 @@ class ImpedanceControlNode(ControlNode):
                 controller, t, self._params.target_timeout, is_simulated=is_simulated
             )
         if sensed is None:
-            self._resting.clear()
+            self._contact.wrenches.clear()
         elif is_new:
-            self._resting.add(sensed, q, dq)
+            self._contact.wrenches.add(sensed, q, dq)
 
     def review(self, controller: Controller, stamp: Any) -> None:
         """Publish the impedance; say what is wrong with the wrench, or with the contact."""
@@ -213,74 +208,36 @@ class ImpedanceControlNode(ControlNode):
 
     def refusal(self) -> str:
         """Return why the arm must not be controlled yet; "" if it may."""
-        p = self._params
         if reason := super().refusal():
             return reason
         if self._sensor.trouble.note or self._robot is None:
             return f"{self._sensor.trouble.note} (topic {self._wrench.topic_name})"
         waits = self._input.repeats and self._sensor.repeats  # a simulator, for its answer
-        if self._resting.count < (1 if waits else min(_FEW, p.tare_samples)):
-            return f"waiting for {_FEW} wrenches on {self._wrench.topic_name}"
-        felt = self._resting.mean(self._chain, self._robot, _FEW) - self._chain.tared
-        force, torque = _norms(felt)
-        if force <= p.max_activation_force and torque <= p.max_activation_torque:
-            return ""
-        return (
-            f"a wrench above max_activation_force {p.max_activation_force:g} N or "
-            f"max_activation_torque {p.max_activation_torque:g} Nm is felt: move the arm away "
-            "from what it touches, or call ~/tare if it touches nothing"
-        )
+        topic = self._wrench.topic_name
+        return self._contact.refusal(self._params, self._robot, topic, waits=waits)
 
     def _on_tare(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Take the mean of the last samples for no contact."""
+        scheme = self._controller.scheme if self._controller else None
+        assert scheme is None or isinstance(scheme, ImpedanceControl)
         try:
-            response.message = self._tare()
-            response.success = True
-            self.get_logger().info(response.message)
+            felt, spread = self._contact.tare(self._params, self._robot, scheme)
         except ConfigurationError as error:
             response.message = f"not tared: {error}"
-        return response
-
-    def _tare(self) -> str:
-        """Tare; return what it found, or raise ConfigurationError."""
-        p, resting = self._params, self._resting
-        if self._robot is None or resting.count < p.tare_samples:
-            raise ConfigurationError(
-                f"{p.tare_samples - resting.count} more valid wrenches are needed, "
-                f"{p.tare_samples} in all (tare_samples)"
-            )
-        if not resting.is_still:
-            raise ConfigurationError("the arm moves; hold it still")
-        felt, spread = resting.mean(self._chain, self._robot), resting.spread()
-        if self._controller is not None:
-            force, torque = _norms(felt - self._chain.tared)
-            if force > p.max_activation_force or torque > p.max_activation_torque:
-                raise ConfigurationError(
-                    f"{force:.3g} N and {torque:.3g} Nm are felt while the arm is controlled, more "
-                    "than max_activation_force or max_activation_torque: does it touch something? "
-                    "Deactivate first if it does not"
-                )
-            scheme = self._controller.scheme
-            assert isinstance(scheme, ImpedanceControl)
-            scheme.tare(felt)
-        else:
-            self._chain.tare(felt)
+            return response
         self._health.values["tare [N, Nm]"] = f"{_text(felt[:3])} {_text(felt[3:])}"
-        return (
+        response.success = True
+        response.message = (
             f"tared: force {_text(felt[:3])} N, moment {_text(felt[3:])} Nm about the tip in its "
             f"axes, standard deviations {_text(spread[:3])} N, {_text(spread[3:])} Nm"
         )
+        self.get_logger().info(response.message)
+        return response
 
     def values_now(self) -> dict[str, str | int | float]:
         """Return the contact that is felt while the arm is held, or not yet controlled."""
         is_moved = self._controller is not None and not self._controller.fault
-        if is_moved or self._robot is None:
-            return {}
-        if not self._resting.count:
-            return dict.fromkeys(("contact force [N]", "contact moment [Nm]"), "unknown")
-        felt = self._resting.mean(self._chain, self._robot, _FEW) - self._chain.tared
-        force, moment = _norms(felt)
-        return {"contact force [N]": force, "contact moment [Nm]": moment}
+        return {} if is_moved or self._robot is None else self._contact.values(self._robot)
 
     def stiffness_of(self, tick: Tick) -> Stiffness | None:
         """Return K_p at the centre of compliance; None while there is no compliant frame."""
@@ -295,7 +252,7 @@ class ImpedanceControlNode(ControlNode):
         scheme = self._controller.scheme if self._controller else None
         if tick.command.frame is None or not isinstance(scheme, ImpedanceControl):
             return {}
-        force, moment = _norms(tick.wrench) if tick.wrench is not None else ("unknown",) * 2
+        force, moment = norms(tick.wrench) if tick.wrench is not None else ("unknown",) * 2
         distance, angle = _displacement(tick)
         centre = self._params.centre(scheme.robot)
         compliant, desired = tick.command.frame.carrying(centre), tick.desired.carrying(centre)
@@ -321,11 +278,6 @@ def _displacement(tick: Tick) -> tuple[float, float]:
     assert compliant is not None
     distance = float(np.linalg.norm(compliant.p_d - desired.p_d))
     return distance, angle_between(desired.R_d, compliant.R_d)
-
-
-def _norms(w: Array) -> tuple[float, float]:
-    """Return the sizes [N], [Nm] of force and moment (6,)."""
-    return float(np.linalg.norm(w[:3])), float(np.linalg.norm(w[3:]))
 
 
 def _text(values: Array) -> str:

@@ -25,8 +25,6 @@ from eulerparams_control.motion.frames import DesiredFrame
 
 NAME = "target"
 FEEDBACK, UPDATE = f"~/{NAME}/feedback", f"~/{NAME}/update"
-PERIOD = 0.2
-"""Time [s] between two updates of its place."""
 
 _SIZE = 0.2  # [m]
 _NOW = stamp_to_ros(0)

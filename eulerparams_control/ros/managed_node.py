@@ -5,10 +5,9 @@ By default it starts itself as soon as it has a robot description and a state.
 
 from abc import abstractmethod
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import Any
 
-import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
@@ -26,11 +25,10 @@ from eulerparams_control.errors import (
 from eulerparams_control.events import Event, tell
 from eulerparams_control.laws.compiled import nothing_compiled
 from eulerparams_control.laws.limits import JointLimits
-from eulerparams_control.laws.orientation import ORIENTATIONS
 from eulerparams_control.laws.scheme import Scheme
 from eulerparams_control.messages.keys import Lifecycle
 from eulerparams_control.messages.keys import LifecycleCause as Cause
-from eulerparams_control.parameters.common import NO_COMMANDS, ControlParameters
+from eulerparams_control.parameters.common import ControlParameters, load_laws
 from eulerparams_control.parameters.schemes import TORQUE, SchemeInfo
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.commands import CommandPublisher, Commands
@@ -40,11 +38,12 @@ from eulerparams_control.ros.guards import (
     keep_sim_time,
     refuse_unless_simulated,
     survive_wrong_transitions,
+    surviving,
 )
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.qos import QOS_OVERRIDES, QOS_STREAM
 from eulerparams_control.ros.real_time import claim
-from eulerparams_control.ros.state_input import MOVES, StateInput
+from eulerparams_control.ros.state_input import StateInput
 
 
 class ManagedNode(LifecycleNode):
@@ -69,9 +68,8 @@ class ManagedNode(LifecycleNode):
         self._autostart = self._params.autostart
         self._ending = Ending(self._is_followed, self._release)
         keep_sim_time(self, lambda: self._params)
-        self._tell(
-            OK, "waiting for a robot description", Lifecycle.UNCONFIGURED, Cause.NO_DESCRIPTION
-        )
+        waiting = "waiting for a robot description"
+        self._tell(OK, waiting, Lifecycle.UNCONFIGURED, Cause.NO_DESCRIPTION)
         survive_wrong_transitions(self, self._health)
 
     def _tell(
@@ -93,26 +91,9 @@ class ManagedNode(LifecycleNode):
         kind = self._params.command_type
         return CommandPublisher(self, self.interface.command, kind, joints, QOS_STREAM)
 
-    @property
-    def commands_joints(self) -> bool:
-        """Whether commands for the joints are published at all."""
-        return bool(self._params.command_type != NO_COMMANDS)
-
     def refusal(self) -> str:
         """Return why the arm must not be controlled yet; "" if it may."""
-        if self._robot is None:
-            return ""
-        speeds = self._input.speeds()
-        if speeds is None:
-            return "whether the arm is at rest is not known yet: joint_states has no velocities"
-        i = int(np.abs(speeds).argmax())
-        if abs(speeds[i]) <= MOVES:
-            return ""
-        unit = "m/s" if self._robot.is_prismatic[i] else "rad/s"
-        return (
-            f"the arm moves, {self._robot.joints[i]} at {speeds[i]:.3g} {unit}; expected at most "
-            f"{MOVES:g}: bring it to rest"
-        )
+        return self._input.motion(self._robot) if self._robot else ""
 
     def values_now(self) -> dict[str, str | int | float]:
         """Return what /diagnostics shows once a second, whether there are ticks or not."""
@@ -137,7 +118,7 @@ class ManagedNode(LifecycleNode):
     # --- parameters --------------------------------------------------------------------
 
     @property
-    def _is_simulated(self) -> bool:
+    def is_simulated(self) -> bool:
         """Whether time is simulated, so that the stamps count."""
         return bool(self.get_clock().ros_time_is_active)
 
@@ -155,7 +136,10 @@ class ManagedNode(LifecycleNode):
                         new.make_scheme(self._robot, limits)
                     self.change_scheme(self._controller.scheme, new, limits)
                 self._controller.changed(ControllerOptions.of(new))
-                self._say_changed(old, new)
+                changed = [name for name, now in asdict(new).items() if now != getattr(old, name)]
+                text = ", ".join(f"{name} {getattr(new, name)}" for name in changed)
+                self.get_logger().info(f"changed: {text}")
+                self._changed()
             elif self._robot is not None:
                 # refuses now what activation would refuse
                 self.make_scheme(self._robot, new.limits(self._robot))
@@ -163,13 +147,6 @@ class ManagedNode(LifecycleNode):
         except ConfigurationError:
             self._params = old
             raise
-
-    def _say_changed(self, old: Any, new: Any) -> None:
-        """Log what was changed while running."""
-        changed = [name for name, value in asdict(new).items() if value != getattr(old, name)]
-        text = ", ".join(f"{name} {getattr(new, name)}" for name in changed)
-        self.get_logger().info(f"changed: {text}")
-        self._changed()
 
     # --- lifecycle ---------------------------------------------------------------------
 
@@ -186,53 +163,34 @@ class ManagedNode(LifecycleNode):
             robot.refuse_locked()
             # refuses now what activation would refuse
             self.make_scheme(robot, self._params.limits(robot))
-            self._load_laws(robot)
+            self._loaded = load_laws(self._params, robot)
         except EulerParamsError as error:
-            self._tell(ERROR, f"not configured: {error}", Lifecycle.UNCONFIGURED, Cause.REFUSED)
-            return TransitionCallbackReturn.FAILURE
+            return self._fail(f"not configured: {error}", Lifecycle.UNCONFIGURED)
         self._robot = robot
-        needs_velocity = self.interface.control == TORQUE and self.commands_joints
+        needs_velocity = self.interface.control == TORQUE and self._params.commands_joints
         self._input.expect(robot, needs_velocity)
         self._commands = self.make_commands(robot.joints)
         waiting = "configured, waiting for joint_states"
         self._tell(OK, waiting, Lifecycle.INACTIVE, Cause.NO_STATES)
         return TransitionCallbackReturn.SUCCESS
 
-    def _load_laws(self, robot: Robot) -> None:
-        """Load the laws that are compiled: from the disk they take a tenth of a second each."""
-        self._loaded = {self._params.orientation}
-        for orientation in ORIENTATIONS:
-            other = replace(self._params, orientation=orientation)
-            try:
-                with nothing_compiled():
-                    other.make_scheme(robot, other.limits(robot))
-            except NotCompiledError:
-                continue
-            except ConfigurationError:
-                pass  # of what does not suit it now; a change is judged then
-            self._loaded.add(orientation)
-
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin at the measured pose with zero error."""
         measured, robot, p = self._input.measured, self._robot, self._params
         if measured is None or robot is None:
             expected = ", ".join(robot.joints) if robot else ""
-            self._tell(
-                ERROR,
-                f"not activated: no valid joint_states yet; expected the joints {expected}",
-                Lifecycle.INACTIVE,
-                Cause.NO_STATES,
-            )
-            return TransitionCallbackReturn.FAILURE
+            text = f"not activated: no valid joint_states yet; expected the joints {expected}"
+            return self._fail(text, Lifecycle.INACTIVE, Cause.NO_STATES)
         try:
             self._refuse_while_ending()
-            if reason := self._stale() or self.refusal():
+            if not self.is_simulated and self._input.is_stale(p.state_timeout):
+                raise ConfigurationError("joint_states has stopped; is the robot running?")
+            if reason := self.refusal():
                 raise ConfigurationError(reason)
             scheme = self.make_scheme(robot, p.limits(robot))
         except EulerParamsError as error:
             self._health.values.update(self.values_now())
-            self._tell(ERROR, f"not activated: {error}", Lifecycle.INACTIVE, Cause.REFUSED)
-            return TransitionCallbackReturn.FAILURE
+            return self._fail(f"not activated: {error}", Lifecycle.INACTIVE)
         options = ControllerOptions.of(p)
         self._controller = Controller(scheme, options, measured[1], self._input.efforts)
         self._input.is_commanded = False
@@ -240,11 +198,11 @@ class ManagedNode(LifecycleNode):
         tell(Event.READY)
         return TransitionCallbackReturn.SUCCESS
 
-    def _stale(self) -> str:
-        """Return that the state measured last is not of now; "" if it is, or time is simulated."""
-        if self._is_simulated or not self._input.is_stale(self._params.state_timeout):
-            return ""
-        return "joint_states has stopped; is the robot running?"
+    def _fail(
+        self, text: str, mode: Lifecycle, cause: Cause = Cause.REFUSED
+    ) -> TransitionCallbackReturn:
+        self._tell(ERROR, text, mode, cause)
+        return TransitionCallbackReturn.FAILURE
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Bring the arm to rest, also after this has returned, then command nothing."""
@@ -286,23 +244,19 @@ class ManagedNode(LifecycleNode):
 
     def _release(self) -> None:
         """Send the command after which none follows; not to a robot that is not heard."""
-        self._send_last()
+        try:
+            if self._controller is not None and self._is_followed():
+                command = self._controller.acting.last()
+                if command is not None:
+                    self._commands.publish(self._stamp, command)
+        except Exception as error:  # then none is safe: the robot has to brake itself
+            self._health.complain(f"no last command: {defect(error)}", error=True)
         self._controller = None
         self._input.forget()
 
     def _forget_robot(self) -> None:
         self._robot = None
         self._input.forget()
-
-    def _send_last(self) -> None:
-        if self._controller is None or not self._is_followed():
-            return
-        try:
-            command = self._controller.acting.last()
-            if command is not None:
-                self._commands.publish(self._stamp, command)
-        except Exception as error:  # then none is safe: the robot has to brake itself
-            self._health.complain(f"no last command: {defect(error)}", error=True)
 
     def at_rest(self) -> bool:
         """Stop the arm; return whether it is at rest, or nothing is heard of it."""
@@ -325,27 +279,14 @@ class ManagedNode(LifecycleNode):
             else:
                 self.trigger_activate()
 
-    # --- callbacks ---------------------------------------------------------------------
-
-    def _listen(
+    def listen(
         self, kind: Any, topic: str, callback: Any, qos: QoSProfile, *, raw: bool = False
     ) -> Subscription:
         """Listen to a topic; ``raw``: to the bytes of its messages, see ``Health.reader``."""
-        callback, overrides = self._surviving(callback), QOS_OVERRIDES
+        guarded, overrides = surviving(callback, self._on_defect), QOS_OVERRIDES
         return self.create_subscription(
-            kind, topic, callback, qos, raw=raw, qos_overriding_options=overrides
+            kind, topic, guarded, qos, raw=raw, qos_overriding_options=overrides
         )
-
-    def _surviving(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Return a callback after whose defects the arm is held, and the node goes on."""
-
-        def survive(msg: Any) -> None:
-            try:
-                callback(msg)
-            except Exception as error:
-                self._on_defect(error)
-
-        return survive
 
     def _on_defect(self, error: Exception) -> None:
         """Hold still after an error that nobody expected."""

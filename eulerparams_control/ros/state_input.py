@@ -31,6 +31,9 @@ _CALM = 0.1
 # over the second one at most.
 _SPAN, _LONGEST_SPAN = 0.05, 0.5
 
+State = tuple[int, Array, Array]
+"""A measured state: stamp [ns], q, dq (n,)."""
+
 
 class StateInput:
     """Takes joint_states, and knows whether they still come.
@@ -119,6 +122,20 @@ class StateInput:
         t_0, q_0 = self._marks[0]
         span = (t - t_0) / 1e9
         return self._limits.difference(q, q_0) / span if span >= _SPAN else None
+
+    def motion(self, robot: Robot) -> str:
+        """Return why the arm is not, or not known to be, at rest; "" if it is."""
+        speeds = self.speeds()
+        if speeds is None:
+            return "whether the arm is at rest is not known yet: joint_states has no velocities"
+        i = int(np.abs(speeds).argmax())
+        if abs(speeds[i]) <= MOVES:
+            return ""
+        unit = "m/s" if robot.is_prismatic[i] else "rad/s"
+        return (
+            f"the arm moves, {robot.joints[i]} at {speeds[i]:.3g} {unit}; expected at most "
+            f"{MOVES:g}: bring it to rest"
+        )
 
     def refused(self) -> None:
         """Take the last state for one that never came."""

@@ -18,7 +18,7 @@ from eulerparams_control.laws.impedance_control import ImpedanceControl
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import Scheme
 from eulerparams_control.messages.from_ros import shown, wrench_from_ros
-from eulerparams_control.ros.targets import State
+from eulerparams_control.ros.state_input import State
 
 # After a stop the stream has to pause for this time [s]: who sends it may not have noticed.
 _PAUSE = 0.5

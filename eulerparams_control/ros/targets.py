@@ -1,83 +1,166 @@
-"""Targets of ``target_pose``, ``target_twist`` and ``target_stiffness``."""
+"""What leads the arm: the topics of references and targets, while it is controlled."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from rclpy.subscription import Subscription
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+from visualization_msgs.msg import InteractiveMarkerFeedback
 
 from eulerparams_control.control.clock import steady
-from eulerparams_control.errors import InvalidMessageError, RobotError
+from eulerparams_control.control.controller import Controller
+from eulerparams_control.control.mode import Mode
+from eulerparams_control.errors import InvalidMessageError, RobotError, UnknownNameError
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.messages.from_ros import ns_from_ros, pose_from_ros, shown, twist_from_ros
-from eulerparams_control.motion.frames import DesiredFrame, Placement
+from eulerparams_control.messages.from_ros import (
+    motion_from_ros,
+    ns_from_ros,
+    pose_from_ros,
+    shown,
+    twist_from_ros,
+)
+from eulerparams_control.motion.frames import Placement
+from eulerparams_control.parameters.common import LATEST, ControlParameters
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
-from eulerparams_control.robot.robot import Robot
+from eulerparams_control.ros.interactive_target import FEEDBACK, InteractiveTarget
+from eulerparams_control.ros.managed_node import ManagedNode
+from eulerparams_control.ros.publishers import refuse_two_publishers
+from eulerparams_control.ros.qos import QOS
+from eulerparams_control.ros.state_input import StateInput
 
 # A target whose stamp goes back within this time [s] was overtaken on its way; later, a clock was
 # set back.
 _OVERTAKEN = 1.0
 
-State = tuple[int, Array, Array]
+Lead = Callable[[Controller, Any], None]
+"""What takes a message that leads the arm; raises InvalidMessageError if it must not."""
+
+Topics = dict[str, tuple[type[Any], Lead]]
+"""Topics, their types, and what takes their messages."""
 
 
-class Targets:
-    """Reads targets, which are stated in the frame of any link, where it is at receipt."""
+class Leaders:
+    """Listens to what leads the arm.
 
-    def __init__(self) -> None:
+    Args:
+        node: that listens.
+        states: of the arm.
+        target: the marker that is dragged.
+        more: topics of the scheme.
+
+    Attributes:
+        paired: topics of which each state waits for the message of its stamp.
+    """
+
+    def __init__(
+        self, node: ManagedNode, states: StateInput, target: InteractiveTarget, more: Topics
+    ) -> None:
+        self._node, self._states, self._target = node, states, target
+        self._reference_timeout = 0.0
         self._newest: dict[str, tuple[int, float]] = {}  # stamp [ns] and receipt [s] of a target
+        self._topics: Topics = {
+            "reference": (MultiDOFJointTrajectory, self._follow),
+            "target_pose": (PoseStamped, self._aim),
+            "target_twist": (TwistStamped, self._jog),
+            FEEDBACK: (InteractiveMarkerFeedback, self._drag),
+        } | more
+        self._controller: Controller | None = None
+        self._heard: dict[str, Subscription] = {}
+        self._stamps: dict[str, int] = {}  # [ns] of the last message, by topic
+        self.paired: tuple[str, ...] = ()
 
-    def pose(self, msg: PoseStamped, robot: Robot, state: State | None) -> DesiredFrame:
-        """Return the frame that a message aims at.
+    def refuse_unknown(self, topics: tuple[str, ...]) -> None:
+        """Raise UnknownNameError for the first topic that does not lead the arm."""
+        for topic in topics:
+            if topic not in self._topics:
+                raise UnknownNameError("topic in paired_targets", topic, self._topics)
 
-        Args:
-            msg: the message.
-            robot: the arm.
-            state: of the arm as measured last: stamp [ns], q, dq (n,).
+    def begin(
+        self,
+        controller: Controller,
+        parameters: ControlParameters,
+        lead: Callable[[str, Any], None],
+    ) -> None:
+        """Listen: ``lead`` is called with a topic and its message, to be taken."""
+        self._controller, self._reference_timeout = controller, parameters.reference_timeout
+        self.paired = parameters.paired_targets
+        if parameters.reference_pairing != LATEST:
+            self.paired = *self.paired, "reference"
+        for topic, (kind, _) in self._topics.items():
+            self._heard[topic] = self._node.listen(kind, topic, partial(lead, topic), QOS)
+
+    def end(self) -> None:
+        """Listen no more."""
+        self._controller, self.paired = None, ()
+        while self._heard:
+            self._node.destroy_subscription(self._heard.popitem()[1])
+
+    def are_here(self, t: int) -> bool:
+        """Whether all that belongs to the state stamped t [ns] has come."""
+        return all(self._stamps.get(topic) == t for topic in self.paired)
+
+    def take(self, topic: str, msg: Any) -> None:
+        """Let a message lead the arm.
 
         Raises:
-            InvalidMessageError: if a value is impossible, the frame unknown, or the stamp older
-                than that of the message before.
+            InvalidMessageError: if it must not.
         """
-        goal = pose_from_ros(msg, _carrier(msg, robot, state))
-        self._refuse_overtaken("target_pose", msg)
-        return goal
+        if self._controller is None:
+            return
+        refuse_two_publishers(self._node, self._heard.get(topic))
+        self._topics[topic][1](self._controller, msg)
+        self._stamps[topic] = ns_from_ros(msg.header.stamp)
 
-    def twist(self, msg: TwistStamped, robot: Robot, state: State | None) -> Array:
-        """Return the twist (6,) [m/s, rad/s] of the tip that a message asks for; see ``pose``."""
-        twist = twist_from_ros(msg, _carrier(msg, robot, state).R)
-        self._refuse_overtaken("target_twist", msg)
-        return twist
+    def skip(self, topic: str, msg: Any) -> bool:
+        """Let a state wait no more for a refused message, as no other comes; return whether so."""
+        waits = self._controller is not None and self._controller.mode is not Mode.WAITING
+        is_paired = waits and topic in self.paired and topic != "reference"
+        if is_paired:
+            self._stamps[topic] = ns_from_ros(msg.header.stamp)
+        return is_paired
 
-    def stiffness(self, msg: WrenchStamped, frame_id: str) -> tuple[Array, Array]:
-        """Return the diagonals (3,) of K_p [N/m] and K_o [Nm/rad] that a message asks for.
+    def _follow(self, controller: Controller, msg: MultiDOFJointTrajectory) -> None:
+        robot = controller.scheme.robot
+        frames = robot.base_frame, robot.tip_frame
+        motion, start = motion_from_ros(msg, *frames, self._reference_timeout)
+        controller.orders.follow(motion, start, self._now)
 
-        Args:
-            msg: the message.
-            frame_id: of the axes of K_p.
+    def _aim(self, controller: Controller, msg: PoseStamped) -> None:
+        goal = pose_from_ros(msg, self._carrier(controller, msg))
+        self.refuse_overtaken("target_pose", msg)
+        controller.orders.aim(goal, self._now)
 
-        Raises:
-            InvalidMessageError: if the frame is another, a number is negative or not finite, or
-                the stamp older than that of the message before.
-        """
-        if msg.header.frame_id not in ("", frame_id):
-            raise InvalidMessageError(
-                f"its frame_id is {shown(msg.header.frame_id)}; expected {frame_id}, whose axes "
-                "K_p has (translational_frame), or none"
-            )
-        K_p, K_o = (
-            np.array([part.x, part.y, part.z]) for part in (msg.wrench.force, msg.wrench.torque)
-        )
-        if not (np.isfinite([K_p, K_o]).all() and min(*K_p, *K_o) >= 0.0):
-            raise InvalidMessageError(
-                f"K_p is {K_p.tolist()} N/m, K_o {K_o.tolist()} Nm/rad; expected finite numbers "
-                "of 0 or more"
-            )
-        self._refuse_overtaken("target_stiffness", msg)
-        return K_p, K_o
+    def _jog(self, controller: Controller, msg: TwistStamped) -> None:
+        twist = twist_from_ros(msg, self._carrier(controller, msg).R)
+        self.refuse_overtaken("target_twist", msg)
+        controller.orders.jog(twist, self._now)
 
-    def _refuse_overtaken(self, topic: str, msg: Any) -> None:
+    def _drag(self, controller: Controller, msg: InteractiveMarkerFeedback) -> None:
+        goal = self._target.released(msg, (controller, controller.supervisor.stops))
+        if goal is not None:
+            self._aim(controller, goal)
+
+    @property
+    def _now(self) -> float | None:
+        """When a message came [s], steady clock; None where the stamps count."""
+        return None if self._node.is_simulated else steady.now()
+
+    def _carrier(self, controller: Controller, msg: Any) -> Placement:
+        """Return where the frame of a message is at its receipt, seen from the base."""
+        if self._states.measured is None:
+            raise InvalidMessageError("no valid joint_states yet")
+        try:
+            return controller.scheme.robot.link_at(msg.header.frame_id, self._states.measured[1])
+        except RobotError as error:
+            raise InvalidMessageError(str(error)) from error
+
+    def refuse_overtaken(self, topic: str, msg: Any) -> None:
+        """Raise InvalidMessageError if the stamp is older than that of the message before."""
         stamp, now = ns_from_ros(msg.header.stamp), steady.now()
         newest, came = self._newest.get(topic, (0, -math.inf))
         if 0 < stamp < newest and now - came < _OVERTAKEN:
@@ -86,6 +169,32 @@ class Targets:
                 "are there two senders?"
             )
         self._newest[topic] = stamp, now
+
+
+def stiffness_from_ros(msg: WrenchStamped, frame_id: str) -> tuple[Array, Array]:
+    """Return the diagonals (3,) of K_p [N/m] and K_o [Nm/rad] that a message asks for.
+
+    Args:
+        msg: the message.
+        frame_id: of the axes of K_p.
+
+    Raises:
+        InvalidMessageError: if the frame is another, or a number is negative or not finite.
+    """
+    if msg.header.frame_id not in ("", frame_id):
+        raise InvalidMessageError(
+            f"its frame_id is {shown(msg.header.frame_id)}; expected {frame_id}, whose axes "
+            "K_p has (translational_frame), or none"
+        )
+    K_p, K_o = (
+        np.array([part.x, part.y, part.z]) for part in (msg.wrench.force, msg.wrench.torque)
+    )
+    if not (np.isfinite([K_p, K_o]).all() and min(*K_p, *K_o) >= 0.0):
+        raise InvalidMessageError(
+            f"K_p is {K_p.tolist()} N/m, K_o {K_o.tolist()} Nm/rad; expected finite numbers "
+            "of 0 or more"
+        )
+    return K_p, K_o
 
 
 class TargetStiffness(NamedTuple):
@@ -109,13 +218,3 @@ class TargetStiffness(NamedTuple):
     def of(self, parameters: ImpedanceParameters) -> ImpedanceParameters:
         """Return parameters with that stiffness."""
         return replace(parameters, K_p=self.wanted.K_p, K_o=self.wanted.K_o)
-
-
-def _carrier(msg: Any, robot: Robot, state: State | None) -> Placement:
-    """Return where the frame of a message is now, seen from the base."""
-    if state is None:
-        raise InvalidMessageError("no valid joint_states yet")
-    try:
-        return robot.link_at(msg.header.frame_id, state[1])
-    except RobotError as error:
-        raise InvalidMessageError(str(error)) from error

@@ -1,0 +1,95 @@
+"""The contact that is felt while the arm is at rest: it refuses activation, and is tared."""
+
+import numpy as np
+
+from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.laws.impedance_control import ImpedanceControl
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.wrench import RestingWrench, WrenchChain, WrenchOptions
+from eulerparams_control.parameters.impedance_control import ImpedanceParameters
+from eulerparams_control.robot.robot import Robot
+
+# Number of wrenches that decide whether the arm touches something.
+_FEW = 10
+
+
+class RestingContact:
+    """What the tool feels while the arm is at rest.
+
+    Args:
+        size: how many wrenches are kept.
+
+    Attributes:
+        chain: from the sensor to the contact.
+        wrenches: the last ones.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.chain, self.wrenches = WrenchChain(WrenchOptions()), RestingWrench(size)
+
+    def expect(self, options: WrenchOptions) -> None:
+        """Begin with a sensor that was not tared."""
+        self.chain = WrenchChain(options)
+        self.wrenches.clear()
+
+    def refusal(self, p: ImpedanceParameters, robot: Robot, topic: str, *, waits: bool) -> str:
+        """Return why the arm must not be controlled yet; "" if it may.
+
+        ``waits``: whether a simulator waits for its answer, so that no more wrenches come.
+        """
+        if self.wrenches.count < (1 if waits else min(_FEW, p.tare_samples)):
+            return f"waiting for {_FEW} wrenches on {topic}"
+        force, torque = self._felt(robot)
+        if force <= p.max_activation_force and torque <= p.max_activation_torque:
+            return ""
+        return (
+            f"a wrench above max_activation_force {p.max_activation_force:g} N or "
+            f"max_activation_torque {p.max_activation_torque:g} Nm is felt: move the arm away "
+            "from what it touches, or call ~/tare if it touches nothing"
+        )
+
+    def _felt(self, robot: Robot) -> tuple[float, float]:
+        return norms(self.wrenches.mean(self.chain, robot, _FEW) - self.chain.tared)
+
+    def values(self, robot: Robot) -> dict[str, str | int | float]:
+        """Return what /diagnostics shows of it."""
+        felt = self._felt(robot) if self.wrenches.count else ("unknown", "unknown")
+        return dict(zip(("contact force [N]", "contact moment [Nm]"), felt, strict=True))
+
+    def tare(
+        self, p: ImpedanceParameters, robot: Robot | None, scheme: ImpedanceControl | None
+    ) -> tuple[Array, Array]:
+        """Take the mean of the last wrenches for no contact, also in a scheme that is active.
+
+        Returns:
+            that mean, and the standard deviations: (6,) [N, Nm] about the tip, in its axes.
+
+        Raises:
+            ConfigurationError: if they are too few, the arm moves, or touches something.
+        """
+        wrenches = self.wrenches
+        if robot is None or wrenches.count < p.tare_samples:
+            raise ConfigurationError(
+                f"{p.tare_samples - wrenches.count} more valid wrenches are needed, "
+                f"{p.tare_samples} in all (tare_samples)"
+            )
+        if not wrenches.is_still:
+            raise ConfigurationError("the arm moves; hold it still")
+        felt = wrenches.mean(self.chain, robot)
+        if scheme is None:
+            self.chain.tare(felt)
+            return felt, wrenches.spread()
+        force, torque = norms(felt - self.chain.tared)
+        if force > p.max_activation_force or torque > p.max_activation_torque:
+            raise ConfigurationError(
+                f"{force:.3g} N and {torque:.3g} Nm are felt while the arm is controlled, more "
+                "than max_activation_force or max_activation_torque: does it touch something? "
+                "Deactivate first if it does not"
+            )
+        scheme.tare(felt)
+        return felt, wrenches.spread()
+
+
+def norms(w: Array) -> tuple[float, float]:
+    """Return the sizes [N], [Nm] of force and moment (6,)."""
+    return float(np.linalg.norm(w[:3])), float(np.linalg.norm(w[3:]))
