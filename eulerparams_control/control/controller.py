@@ -15,7 +15,6 @@ from eulerparams_control.control.mode import Mode, ModeEvent, Why, why_of
 from eulerparams_control.control.modes import Release
 from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.control.orders import Orders
-from eulerparams_control.control.references import References
 from eulerparams_control.control.short_way import ShortWay
 from eulerparams_control.control.supervisor import Supervisor
 from eulerparams_control.errors import UnsafeCommandError
@@ -54,13 +53,12 @@ class Controller:
         self.admission = Admission(
             scheme.robot, options.state_timeout, options.max_latency, options.check_states, q
         )
-        references, parts = References(*options.max_jump), (self.guidance, self.limiter)
-        self.supervisor = Supervisor(*parts, self.admission, references, options)
-        self.short_way = ShortWay(self.admission, self.supervisor, *parts)
+        self.supervisor = Supervisor(self.guidance, self.limiter, self.admission, options)
+        parts = self.admission, self.supervisor, self.guidance, self.limiter
+        self.short_way = ShortWay(*parts)
         self.acting = Acting(scheme, self.supervisor, options.state_timeout, q)
         self._release = Release(self.limiter)
-        how = self.acting, self.admission.clock, references, options.target_timeout
-        self.orders = Orders(self.supervisor, self.guidance, *how)
+        self.orders = Orders(*parts[:3], self.acting, options.target_timeout)
         self.supervisor.begin(q)
         scheme.start_from(effort)
 

@@ -1,10 +1,9 @@
 """What is asked of the arm: to follow a motion, to stop, to go on."""
 
 from eulerparams_control.control.acting import Acting
-from eulerparams_control.control.clock import Clock
+from eulerparams_control.control.admission import Admission
 from eulerparams_control.control.guidance import Guidance
 from eulerparams_control.control.mode import DEACTIVATED, HALTED, Latch, Mode, ModeEvent, Why
-from eulerparams_control.control.references import References
 from eulerparams_control.control.supervisor import Supervisor
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.rotations import Array
@@ -17,25 +16,21 @@ class Orders:
     """Takes orders, from the next state on.
 
     Args:
-        supervisor: keeps the mode.
-        guidance: the law on its motion.
+        admission, supervisor, guidance: of the controller.
         acting: what acts on the arm.
-        clock: of the states.
-        references: which are refused.
         target_timeout: [s] for which a twist goes on without a successor.
     """
 
     def __init__(
         self,
+        admission: Admission,
         supervisor: Supervisor,
         guidance: Guidance,
         acting: Acting,
-        clock: Clock,
-        references: References,
         target_timeout: float,
     ) -> None:
-        self._supervisor, self._guidance, self._acting = supervisor, guidance, acting
-        self._clock, self._references, self.target_timeout = clock, references, target_timeout
+        self._clock, self._supervisor, self._guidance = admission.clock, supervisor, guidance
+        self._acting, self.target_timeout = acting, target_timeout
 
     def follow(self, motion: Reference, start: int | None, now: float | None = None) -> None:
         """Follow a motion from the stamp ``start`` [ns], or from the next state if None.
@@ -50,8 +45,8 @@ class Orders:
                 of a stream that went on through a fault, or if the arm must not move now.
         """
         supervisor, guidance, q = self._supervisor, self._guidance, self._acting.q
-        clock, desired = self._clock, guidance.motion
-        self._references.refuse_after_fault(supervisor.mode, clock.time(now))
+        clock, desired, references = self._clock, guidance.motion, supervisor.references
+        references.refuse_after_fault(supervisor.mode, clock.time(now))
         if supervisor.rate.is_too_low:
             raise InvalidMessageError(f"{supervisor.rate.why.fault}; {supervisor.rate.why.remedy}")
         was_halted = supervisor.mode.is_halted
@@ -59,9 +54,9 @@ class Orders:
         if guidance.is_braking and was_halted:
             raise InvalidMessageError("the arm brakes; send it when it is at rest")
         if isinstance(motion, (Goal, Jog)):
-            self._references.refuse_target(motion)
+            references.refuse_target(motion)
         else:
-            self._references.refuse_jump(motion, clock.late(start), here)
+            references.refuse_jump(motion, clock.late(start), here)
         if was_halted:  # only now: what is refused does not move what is held
             guidance.scheme.resume(q)
             desired.hold(here)

@@ -45,11 +45,11 @@ class Supervisor:
         guidance: the law on its desired motion.
         limiter: of the commands.
         admission: of the states.
-        references: of which those are refused that jump.
         options: how time and references are treated.
 
     Attributes:
         limiter: of the commands.
+        references: refuses those that must not be followed.
         mode: the present mode.
         resets: how often the states started again after a jump of the stamps, or a silence.
         stops: how often the arm was stopped, or stopped for another reason.
@@ -62,12 +62,11 @@ class Supervisor:
         guidance: Guidance,
         limiter: CommandLimiter,
         admission: Admission,
-        references: References,
         options: ControllerOptions,
     ) -> None:
         self._guidance, self.limiter, self._clock = guidance, limiter, admission.clock
-        self._references, self._timeout = references, options.state_timeout
-        self._scheme = guidance.scheme
+        self._scheme, self._timeout = guidance.scheme, options.state_timeout
+        self.references = References(*options.max_jump)
         self._halted = 0.0  # for how long [s] efforts were to stop the arm
         self._is_strict = options.check_states  # a simulation without limits may diverge
         self.mode: ControlMode = (Waiting if options.require_reference else Holding)(Why())
@@ -175,7 +174,7 @@ class Supervisor:
         motion = self._guidance.motion
         if motion.is_holding:
             self.begin(q)  # the arm may have moved since activation
-        elif self._references.jumps(motion.last, self._scheme.frame_at(q)):
+        elif self.references.jumps(motion.last, self._scheme.frame_at(q)):
             self.begin(q)
             self.change(ModeEvent.FAULT, ARM_MOVED._replace(at=at.seconds))
 

@@ -26,6 +26,7 @@ class ComplianceControlNode(ControlNode):
     parameters_type = ComplianceParameters
 
     def _subscribe(self) -> None:
+        self._pressing = TargetWrench(self._input)
         self._impedance = ImpedancePublisher[Springs](
             self, lambda now, stamp: springs_to_ros(now.law.K_p, now.law.K_o, now.clips, stamp)
         )
@@ -33,14 +34,11 @@ class ComplianceControlNode(ControlNode):
 
     def leaders(self) -> Topics:
         """Return the topic that leads the force of the arm."""
-        return {"target_wrench": (WrenchStamped, self._press)}
+        return {"target_wrench": (WrenchStamped, self._pressing.take)}
 
     def _activated(self) -> None:
-        self._pressing = TargetWrench()  # what came before does not count
+        self._pressing.forget()
         super()._activated()
-
-    def _press(self, controller: Controller, msg: WrenchStamped) -> None:
-        self._pressing.take(msg, controller, self._input.measured)
 
     def observe(self, t: int, q: Array, dq: Array) -> None:
         """Let the tool exert what counts for the state."""

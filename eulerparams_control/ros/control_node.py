@@ -51,11 +51,11 @@ class ControlNode(ManagedNode):
         self._views = Views(
             self, self._health, self._params.publish_tf, self._look, self.stiffness_of
         )
-        self._leaders = Leaders(self, self._input, self._views.target, self.leaders())
-        self._leaders.refuse_unknown(self._params.paired_targets)
         period = max(self._params.state_timeout / 2, _LEAST_WATCH)
         self.create_timer(period, self.watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._subscribe()
+        self._leaders = Leaders(self, self._input, self._views.target, self.leaders())
+        self._leaders.refuse_unknown(self._params.paired_targets)
         self.create_service(Trigger, "~/halt", partial(self._on_order, Orders.halt))
         self.create_service(Trigger, "~/resume", partial(self._on_order, Orders.resume))
         self._try_start()

@@ -51,7 +51,7 @@ class ImpedanceControlNode(ControlNode):
         )
         self._contact = RestingContact(p.tare_samples)
         self._placements: dict[str, Placement] = {}
-        self._pressing = TargetWrench()
+        self._pressing = TargetWrench(self._input)
         self._impedance = ImpedancePublisher[ComplianceLaw](
             self, lambda law, stamp: impedance_to_ros(law.translation, law.rotation, stamp)
         )
@@ -81,12 +81,12 @@ class ImpedanceControlNode(ControlNode):
         """Return the topics that lead the stiffness and the force of the arm."""
         return {
             "target_stiffness": (WrenchStamped, self._stiffen),
-            "target_wrench": (WrenchStamped, self._press),
+            "target_wrench": (WrenchStamped, self._pressing.take),
         }
 
     def _activated(self) -> None:
         self._target = TargetStiffness(self._params, self._params)
-        self._pressing = TargetWrench()  # what came before does not count
+        self._pressing.forget()
         super()._activated()
 
     def _stiffen(self, controller: Controller, msg: WrenchStamped) -> None:
@@ -121,9 +121,6 @@ class ImpedanceControlNode(ControlNode):
         if self._robot is not None:
             self._contact.expect(self._params.wrench_options(self._robot))
         return result
-
-    def _press(self, controller: Controller, msg: WrenchStamped) -> None:
-        self._pressing.take(msg, controller, self._input.measured)
 
     # --- the wrench --------------------------------------------------------------------
 

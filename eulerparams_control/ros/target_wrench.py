@@ -18,7 +18,7 @@ from eulerparams_control.laws.impedance_control import ImpedanceControl
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import Scheme
 from eulerparams_control.messages.from_ros import shown, wrench_from_ros
-from eulerparams_control.ros.state_input import State
+from eulerparams_control.ros.state_input import StateInput
 
 # After a stop the stream has to pause for this time [s]: who sends it may not have noticed.
 _PAUSE = 0.5
@@ -49,24 +49,28 @@ class TargetWrench:
     """Takes set-points, and lets them be exerted for as long as they count.
 
     In simulated time that goes by the stamps of the states, else by the time of receipt.
+
+    Args:
+        states: of the arm.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, states: StateInput) -> None:
+        self._states = states
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget what came before."""
         self._force: Array | None = None
         self._came, self._t = -math.inf, 0  # [s], [ns] of the state
         self._breaks = 0  # of the controller, when it came
 
-    def take(self, msg: Any, controller: Controller, state: State | None) -> None:
-        """Take a message.
-
-        Args:
-            msg: geometry_msgs/WrenchStamped, in the axes of the tip, or of the base.
-            controller: of the arm.
-            state: of the arm as measured last: stamp [ns], q, dq (n,).
+    def take(self, controller: Controller, msg: Any) -> None:
+        """Take a geometry_msgs/WrenchStamped, in the axes of the tip, or of the base.
 
         Raises:
             InvalidMessageError: if it cannot be exerted, or must not be now.
         """
+        state = self._states.measured
         since, self._came = steady.now() - self._came, steady.now()
         if state is None:
             raise InvalidMessageError("no valid joint_states yet")
