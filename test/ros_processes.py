@@ -17,8 +17,9 @@ from typing import Any, ClassVar
 import numpy as np
 import rclpy
 import yaml
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Vector3, WrenchStamped
+from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 from tolerances import HELD, LAW_IN_A_NODE, assert_close
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
@@ -36,7 +38,7 @@ from eulerparams_control.command_line import executables
 from eulerparams_control.lab.run.domains import Domain
 from eulerparams_control.laws.rotations import cross
 from eulerparams_control.messages.from_ros import motion_from_ros, ns_from_ros
-from eulerparams_control.messages.to_ros import motion_to_ros, stamp_to_ros
+from eulerparams_control.messages.to_ros import motion_to_ros, stamp_to_ros, wrench_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.robot.catalogue import load_robot
@@ -86,6 +88,14 @@ def pose(q: Any) -> tuple[Array, Array]:
 
 def reference(*frames: DesiredFrame, times: tuple[float, ...] = (0.0,)) -> Any:
     return motion_to_ros(Trajectory(times, frames), UR5.base_frame, UR5.tip_frame)
+
+
+def wrench_stamped(*wrench: float, frame: str = UR5.tip_frame, stamp: Any = None) -> Any:
+    """Return a message of force and moment [N, Nm], of which what is not given is 0."""
+    msg = WrenchStamped()
+    msg.header.frame_id = frame
+    wrench_to_ros(np.array([*wrench, *[0.0] * (6 - len(wrench))]), stamp or Time(), msg)
+    return msg
 
 
 def efforts_of(commands: Sequence[Any]) -> Array:
@@ -271,6 +281,12 @@ class Peer:
     def publisher(self, kind: Any, topic: str, *, latched: bool = False) -> Any:
         return self.node.create_publisher(kind, topic, _qos(100, latched))
 
+    def sender(self, kind: Any, topic: str) -> Any:
+        """Return a publisher that somebody listens to."""
+        publisher = self.publisher(kind, topic)
+        self.graph.until(publisher.get_subscription_count, f"a subscriber of {topic}")
+        return publisher
+
     def listen(self, kind: Any, topic: str, *, latched: bool = False) -> list[Any]:
         """Return a list to which each message is appended."""
         messages: list[Any] = []
@@ -285,6 +301,10 @@ class Peer:
     def call(self, kind: Any, service: str, request: Any) -> Any:
         """Return the response of a service of a node."""
         raise NotImplementedError
+
+    def trigger(self, service: str) -> Any:
+        """Return the response of a service that is asked for nothing but to act."""
+        return self.call(Trigger, service, Trigger.Request())
 
     def set_parameters(self, node: str, **wanted: Any) -> list[str]:
         """Set parameters of a node, each for itself; return the reasons of refusals."""
@@ -418,13 +438,7 @@ class WristSensor:
         R_s = sensor.arm.R_e
         measured = np.concatenate((R_s.T @ force, R_s.T @ moment)) + self.bias
         measured[5] += self.noise * (stamp.nanosec // 1_000_000 % 7)
-        x, y, z, *rest = (self.sign * measured).tolist()
-        msg = WrenchStamped()
-        msg.header.frame_id, msg.header.stamp = self.frame, stamp
-        msg.wrench.force = Vector3(x=x, y=y, z=z)
-        x, y, z = rest
-        msg.wrench.torque = Vector3(x=x, y=y, z=z)
-        return msg
+        return wrench_stamped(*self.sign * measured, frame=self.frame, stamp=stamp)
 
     def _state(self, link: str, arm: "Arm") -> DynamicState:
         model = _model(self._robot.urdf, self._robot.base_frame, link)
@@ -677,8 +691,7 @@ class Controlled:
             self.arm.sensor.noise = 1e-12
         self.process = graph.start(executable, parameters, namespace=namespace)
         self.arm.connect()
-        self.references = self.peer.publisher(MultiDOFJointTrajectory, f"{namespace}/reference")
-        graph.until(self.references.get_subscription_count, "a subscriber of reference")
+        self.references = self.peer.sender(MultiDOFJointTrajectory, f"{namespace}/reference")
         self._before: dict[str, Any] = {}
 
     def follow(self, msg: Any) -> None:

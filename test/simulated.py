@@ -1,40 +1,45 @@
 """An arm of the catalogue in the simulator, under a controller in the same process, without ROS."""
 
-from eulerparams_control.control.controller import Controller
+import numpy as np
+from arms import pose_of
+
+from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.robot.catalogue import load_robot
 from sim_bridge.simulator import Simulator, SimulatorParameters
 
 MS = 1_000_000  # [ns]
 
 
+def frames_of(name):
+    """Return the frames of a robot of the catalogue as parameters."""
+    about = load_robot(name)
+    return {"base_frame": about.base_frame, "tip_frame": about.tip_frame}
+
+
 class Simulated:
-    """A simulated arm that takes efforts, its controller, and what it did at each tick.
+    """A simulated arm that takes efforts, and its controller.
 
     Attributes:
-        ticks: of the scheme; efforts: (n,) commanded.
+        rate: [1/s] of the controller, which is a multiple ``each`` lower than the simulation's.
+        ticks: how many there were; start: where the tip began.
     """
 
-    def __init__(self, robot, scheme, options, motion, q_0, **simulated):
-        self.scheme = scheme
-        parameters = SimulatorParameters(control="torque", **simulated)
-        self.simulator = Simulator(load_robot(robot), parameters)
-        self.simulator.reset(q_0)
-        self.controller = Controller(scheme, options, q_0)
-        self.controller.orders.follow(motion, 0)
-        self.ticks, self.efforts = [], []
+    def __init__(self, name, parameters, q=None, rate=1000, each=1, **simulated):
+        about = load_robot(name)
+        q = np.array(about.home) if q is None else q
+        self.robot = parameters.robot(about.urdf)
+        self.scheme = parameters.make_scheme(self.robot, parameters.limits(self.robot))
+        self.controller = Controller(self.scheme, ControllerOptions.of(parameters), q)
+        self.start = pose_of(self.robot, q)
+        self.rate, self.each, self.ticks = rate, each, 0
+        options = SimulatorParameters(control="torque", rate=rate * each, **simulated)
+        self.simulator = Simulator(about, options)
+        self.simulator.reset(q)
 
-    def step(self):
-        """Go on by a millisecond; return the command."""
-        state = self.simulator.read()
-        command = self.controller.step(len(self.ticks) * MS, state.q, state.dq)
-        self.ticks.append(self.controller.guidance.tick_now)
-        self.efforts.append(command.effort)
-        self.simulator.command_effort(command.effort)
-        self.simulator.step()
-        return command
-
-    def end(self):
-        """Close the simulator; return the last tick."""
-        self.simulator.close()
-        assert not self.controller.fault, self.controller.fault
-        return self.ticks[-1]
+    def step(self, state):
+        """Go on by a tick from a state of the simulator."""
+        stamp = round(1e9 * self.ticks / self.rate)
+        self.simulator.command_effort(self.controller.step(stamp, state.q, state.dq).effort)
+        for _ in range(self.each):
+            self.simulator.step()
+        self.ticks += 1

@@ -106,8 +106,6 @@ def kinova(q, **options):
 
 
 # --- turns ----------------------------------------------------------------------------------
-
-
 NEAR_PI = np.array([0.3, 2.9, 1.3, -2.07, 1.4, np.pi - 0.15])
 
 
@@ -163,8 +161,6 @@ def test_joints_with_limits_are_never_taken_a_turn_away():
 
 
 # --- clocks that are set ---------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("jump", [0.3, -20.0])
 @pytest.mark.parametrize("event", ["", "halt", "aim"])
 def test_after_a_jump_of_the_stamps_the_tip_brakes_along_its_path_within_the_limits(jump, event):
@@ -202,8 +198,6 @@ def test_the_motion_goes_on_as_it_was_where_the_stamps_alone_go_on_by_a_little()
 
 
 # --- gaps -----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("gap", [0.02, 0.05, 0.09])
 @pytest.mark.parametrize("feedback", ["internal", "measured"])
 def test_after_a_gap_positions_step_by_three_periods_and_the_motion_waits(gap, feedback):
@@ -262,8 +256,6 @@ def test_under_efforts_the_motion_goes_on_as_the_arm_does(missed, is_held, leap,
 
 
 # --- rates ----------------------------------------------------------------------------------
-
-
 def periods(text):
     """Return the steps [s] of a pattern of milliseconds."""
     return [float(word) / 1e3 for word in text.split()]
@@ -281,7 +273,7 @@ def periods(text):
         (periods("125") * 20, 0.125, 0),
     ],
 )
-def test_the_period_is_the_usual_one_whatever_is_lost_or_late_known_after_nine_steps(
+def test_after_nine_steps_the_usual_period_is_known_whatever_is_lost_or_late(
     steps, seconds, missed
 ):
     period = NominalPeriod()
@@ -392,8 +384,6 @@ def test_states_that_come_less_often_than_the_timeout_are_a_fault_with_its_remed
 
 
 # --- clocks that are off ----------------------------------------------------------------------
-
-
 MINUTES = 20.0
 
 

@@ -114,9 +114,7 @@ def test_a_metric_is_what_the_rod_gives_by_hand(run, name, options, expected):
         ("peak_orientation_error", {}, math.degrees(0.5)), ("peak_joint_speed", {}, 2.0),
     ],
 )  # fmt: skip
-def test_metrics_of_dynamic_control_are_of_the_efforts_and_the_measured_motion(
-    dynamic, name, options, expected
-):
+def test_metrics_of_dynamic_control_are_of_efforts_and_motion(dynamic, name, options, expected):
     assert measure(name, dynamic, **options) == pytest.approx(expected, rel=EXACT)
 
 
@@ -250,9 +248,7 @@ def test_a_trajectory_begins_when_the_controller_said_so(tmp_path):
 
 
 @pytest.mark.parametrize(("published", "known"), [(True, 4), (False, 1)])
-def test_a_reference_counts_from_when_it_was_sent_not_from_when_it_was_recorded(
-    tmp_path, published, known
-):
+def test_a_reference_counts_from_when_it_was_sent_not_recorded(tmp_path, published, known):
     def late(message: RawMessage, _k: int) -> RawMessage:
         log_time = message.log_time + (25_000_000 if message.topic == "/reference" else 0)
         sent = message.publish_time if published else 0
@@ -326,10 +322,7 @@ def test_a_rise_of_v_is_counted_from_its_lowest_value_before(tmp_path):
     ("options", "words"),
     [
         ({"parameters": GAINS | {"orientation": "euler_angles"}}, "no Lyapunov function for euler"),
-        (
-            {},
-            "no parameters of a node clik, compliance_control, dynamic_control or imped",
-        ),
+        ({}, "no parameters of a node clik, compliance_control, dynamic_control or imped"),
         ({"parameters": GAINS, "node": "/other"}, "no parameters of a node clik, compliance_contr"),
         ({"parameters": GAINS, "desired": False}, "no desired frame was recorded"),
         ({"parameters": {"orientation": "euler_parameters"}}, "parameters of /clik lack k_Po"),
@@ -455,9 +448,7 @@ ONES, ANY = np.full(100, 1.0), (-math.inf, math.inf)
         ([np.array([np.inf, 0.0])], {}, "linear", ANY, ANY),
     ],
 )
-def test_an_axis_is_logarithmic_where_runs_differ_by_powers_of_ten_above_rounding(
-    values, options, kind, low, high
-):
+def test_an_axis_is_logarithmic_if_runs_differ_by_powers_of_ten(values, options, kind, low, high):
     shown = axis(values, 1e-6, **options)
     assert ("log" if shown.logarithmic else "linear") == kind
     ends = (math.log10(end) if shown.logarithmic else end for end in shown[1:3])

@@ -120,8 +120,6 @@ def chunks_of(path: Path) -> list[Chunk]:
 
 
 # --- what is written -----------------------------------------------------------------
-
-
 FOREVER = "{sec: 9223372036, nsec: 854775807}"
 PROFILE = (
     "{history: unknown, depth: 0, reliability: %s, durability: %s, liveliness: automatic, "
@@ -347,9 +345,7 @@ def test_a_topic_that_is_not_there_is_refused_with_the_nearest_name(small_bag):
     ("texts", "parameters"),
     [(["{a: {b: 1}}", "{a: {b: 2}}"], {"a": {"b": 2}}), (["[1, 2]"], {}), ([""], {}), (["a"], {})],
 )
-def test_parameters_are_those_of_the_last_attachment_if_it_has_their_form(
-    tmp_path, texts, parameters
-):
+def test_parameters_are_of_the_last_attachment_if_it_has_their_form(tmp_path, texts, parameters):
     with BagWriter(tmp_path / "bag") as bag:
         for text in texts:
             bag.attach("parameters.yaml", text)
@@ -728,15 +724,12 @@ def test_a_full_disk_stops_recovery_without_loss(small_bag, tmp_path):
 
 
 # --- property tests: no deadline, for nothing here is about time -----------------------
-
 anything = examples(100)
 
 
 @anything
 @given(data=st.data())
-def test_a_bag_cut_at_any_byte_gives_all_messages_of_the_chunks_before(
-    data, small_bag, tmp_path_factory
-):
+def test_a_bag_cut_at_any_byte_gives_all_of_the_chunks_before(data, small_bag, tmp_path_factory):
     whole = mcap_of(small_bag).read_bytes()
     size = data.draw(st.integers(8, len(whole) - 1))
     folder = rewritten(tmp_path_factory.mktemp("cut") / "bag", whole[:size])

@@ -11,7 +11,7 @@ import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from ros_processes import HOME, ROOT, UR5, values
+from ros_processes import HOME, ROOT, UR5, values, wrench_stamped
 from sensor_msgs.msg import JointState
 
 from eulerparams_control.errors import EulerParamsError
@@ -26,7 +26,6 @@ from sim_bridge.simulator import Simulator
 STANDS = 1e-3
 
 NAME = "pybullet_bridge"
-
 
 # One of each kind, whole numbers among them, within reach of the tool.
 ENVIRONMENT = {
@@ -43,10 +42,6 @@ DISTURBANCE = {"disturbance_effort": [1.0, 2.0, 3.0, 0.1, 0.2, 0.3]}
 
 
 # --- two controllers, signals, reports ------------------------------------------------------
-def is_standing(states: list[JointState]) -> bool:
-    return bool(np.abs(states[-1].velocity[:6]).max() < STANDS)
-
-
 def message(**fields: Any) -> JointState:
     return JointState(name=list(UR5.joints), **fields)
 
@@ -87,7 +82,7 @@ def test_a_signal_brakes_the_moving_robot_and_ends_it_with_exit_code_0(graph, nu
     graph.until(is_fast, "motion")
     process.signal(number)
     graph.until(lambda: process.exit_code is not None, "the end")
-    graph.until(lambda: is_standing(states), "the last state, at rest")
+    graph.until(lambda: np.abs(states[-1].velocity[:6]).max() < STANDS, "the last state, at rest")
     assert process.end() == 0
     assert np.abs(states[-1].position[:6] - (HOME + 1.0)).max() > 0.1
     assert "Traceback" not in process.log
@@ -147,11 +142,8 @@ def test_a_robot_reports_mode_cause_and_remedy_and_what_became_of_its_commands(w
         ("braked", "silence"),
     ]
     sent(np.nan)
-    push = WrenchStamped()
-    push.header.frame_id = "tool0"
     for force in (1.0, 1e300):
-        push.wrench.force.x = force
-        pushes.publish(push)
+        pushes.publish(wrench_stamped(force))
     world.advance(2.5)
     found = values(peer.status(NAME))
     counted = {"protective stops": 1, "commands rejected": 1, "commands out of order": 0,
@@ -184,8 +176,6 @@ def test_the_parameters_of_the_node_reach_the_simulator_and_the_drive():
 
 
 # --- what is around it ----------------------------------------------------------------------
-
-
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     """A file with the environment, as a user gives it to the node."""

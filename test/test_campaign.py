@@ -387,10 +387,6 @@ def outcome_of(plan: Any, **values: Any) -> SequenceOutcome:
     return look(plan, record, 1.0)
 
 
-def bad(plan: Any) -> SequenceOutcome:
-    return outcome_of(plan, tip_error=(1.0, 90.0))
-
-
 def dies(plan: Any) -> SequenceOutcome:
     if plan.seed == 1:
         os._exit(1)
@@ -412,9 +408,7 @@ def instead(monkeypatch):
     return replace_run
 
 
-def test_a_campaign_without_violations_ends_with_0_and_writes_page_and_summary(
-    instead, tmp_path, capsys
-):
+def test_a_campaign_without_violations_ends_with_0_a_page_and_a_summary(instead, tmp_path, capsys):
     instead(outcome_of)
     assert main(["--sequences", "8", "--out", str(tmp_path)]) == 0
     summary = json.loads((tmp_path / "summary.json").read_text())
@@ -430,7 +424,7 @@ def test_a_campaign_without_violations_ends_with_0_and_writes_page_and_summary(
 
 
 def test_a_violation_ends_with_1_and_says_how_to_repeat_it(instead, tmp_path, capsys):
-    instead(bad)
+    instead(lambda plan: outcome_of(plan, tip_error=(1.0, 90.0)))
     assert main(["--seed", "17", "--controller", "clik", "--out", str(tmp_path)]) == 1
     command = "fault_campaign --controller clik --seed 17 --sequences 1"
     out = " ".join(capsys.readouterr().out.split())
@@ -478,19 +472,20 @@ def test_a_campaign_that_is_told_to_end_ends_its_workers(tmp_path, graph):
 
 def test_a_sequence_that_cannot_be_run_ends_with_2(instead, tmp_path):
     instead(lambda plan: replace(outcome_of(plan), error="no simulator"))
-    assert main(["--seed", "1", "--out", str(tmp_path)]) == 2
+    least = ["--seed", "0", "--sequences", "1", "--jobs", "1"]
+    assert main([*least, "--out", str(tmp_path)]) == 2
 
 
-@pytest.mark.parametrize("given", [["--sequences", "0"], ["--seed", "-1"], ["--jobs", "x"]])
-def test_wrong_options_are_refused(given, capsys):
-    with pytest.raises(SystemExit):
-        main(given)
-    assert "expected" in capsys.readouterr().err
+@pytest.mark.parametrize(("option", "least"), [("--sequences", 1), ("--seed", 0), ("--jobs", 1)])
+def test_wrong_options_are_refused(option, least, capsys):
+    for wrong in (str(least - 1), "1.5", "x", "", "nan"):
+        with pytest.raises(SystemExit):
+            main([option, wrong])
+        expected = f"argument {option}: {wrong}; expected a whole number, {least} or more"
+        assert expected in capsys.readouterr().err
 
 
 # --- smooth motions --------------------------------------------------------------------------
-
-
 HOME_X = float(MODEL.state(HOME, np.zeros(6)).p_e[0])
 
 

@@ -1,6 +1,5 @@
-"""Shared by the executables: the console, whole numbers as options, events, interrupts."""
+"""Shared by the executables: the console, events, interrupts."""
 
-import argparse
 import io
 from importlib import import_module
 
@@ -9,7 +8,7 @@ from rich.console import Console
 from rich.text import Text
 
 from eulerparams_control import command_line, events
-from eulerparams_control.command_line import executables, make_console, say, whole_number
+from eulerparams_control.command_line import executables, make_console, say
 from eulerparams_control.parameters.fields import fields_of
 from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.parameters.watchdog import WatchdogParameters
@@ -22,20 +21,6 @@ NODES |= {
     "pybullet_bridge": BridgeParameters,
     "watchdog": WatchdogParameters,
 }
-
-
-@pytest.mark.parametrize(("text", "least", "value"), [("3", 0, 3), ("0", 0, 0), ("1", 1, 1)])
-def test_a_whole_number_is_taken(text, least, value):
-    assert whole_number(least)(text) == value
-
-
-@pytest.mark.parametrize(
-    ("text", "least"), [("-1", 0), ("0", 1), ("1.5", 0), ("x", 0), ("", 1), ("nan", 0)]
-)
-def test_what_is_none_is_refused_with_what_is_expected(text, least):
-    expected = f"expected a whole number, {least} or more"
-    with pytest.raises(argparse.ArgumentTypeError, match=expected):
-        whole_number(least)(text)
 
 
 def test_a_line_is_printed_as_it_is_however_long_it_is():
@@ -74,9 +59,7 @@ def test_a_node_says_what_it_is_and_all_its_parameters(name, option, monkeypatch
 
 
 @pytest.mark.parametrize("is_terminal", [False, True])
-def test_events_are_told_to_programs_and_not_to_who_reads_the_log_in_a_terminal(
-    is_terminal, monkeypatch, capsys
-):
+def test_events_are_told_to_programs_and_not_to_a_terminal(is_terminal, monkeypatch, capsys):
     monkeypatch.setattr(events, "_tells", False)
     monkeypatch.setattr("sys.stdout.isatty", lambda: is_terminal)
     events.begin()

@@ -55,9 +55,7 @@ from eulerparams_control.laws.compliant_frame import (
 )
 from eulerparams_control.laws.impedance_matrices import Impedance, damping_of_ratio
 from eulerparams_control.laws.orientation import ORIENTATIONS, SEQUENCES, EulerSequence
-from eulerparams_control.laws.orientation.relative_quaternion import (
-    RelativeTurn,
-)
+from eulerparams_control.laws.orientation.relative_quaternion import RelativeTurn
 from eulerparams_control.laws.rotations import EulerParameters
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
@@ -258,17 +256,14 @@ def test_the_impedance_does_not_depend_on_the_sign_of_the_quaternion(name):
 
 
 # --- stiffness for small turns, eqs. (57), (58), (61), (62) --------------------------------------
-def assert_stiffness(own, R_d, K):
-    tol.assert_close(stiffness(own, R_d), K, tol.STIFFNESS * np.abs(K).max())
-
-
 @pytest.mark.parametrize(
     ("name", "sequence"),
     [*((name, "XYZ") for name in RELATIVE), *(("relative_euler_angles", s) for s in three_axes)],
 )
 def test_small_turns_have_the_stiffness_wherever_the_desired_frame_is(name, sequence):  # (62)
     for R_d, K in zip(uniform(5), positive_definite(5, 5, 10, 100), strict=True):
-        assert_stiffness(law(name, damped(1.0, K), sequence=sequence), R_d, K)
+        found = stiffness(law(name, damped(1.0, K), sequence=sequence), R_d)
+        tol.assert_close(found, K, tol.STIFFNESS * np.abs(K).max())
 
 
 # --- the equations hold along a motion, and the frame moves as it says ---------------------------
@@ -413,8 +408,6 @@ def modal(t, m, d, k, f, x_0=0.0, v_0=0.0):
 
 
 # --- fast impedances: steps that are divided -----------------------------------------------------
-
-
 # m, d, k with poles at -0.92 and -0.03 times the greatest rate, and a force that displaces by 0.02.
 FAST = (0.01, 0.0095 * MAX_RATE, 0.0003 * MAX_RATE**2, 6e-6 * MAX_RATE**2)
 
@@ -476,8 +469,6 @@ def test_an_impedance_that_is_too_fast_is_refused_with_the_mass_to_raise(name, w
 
 
 # --- beginning, jumps, freezing, other laws -------------------------------------------------------
-
-
 R_AWAY = by_angles("XYZ", 0.3, 0.4, 0.2)
 
 
@@ -568,7 +559,6 @@ LAWS = {
     "desired": law(translation=damped(10.0, STAR * 20), frame="desired"),
 }
 
-
 # Each law comes after three others.
 FIRST = sorted(LAWS)
 PAIRS = [pair for k in (1, 2, 5) for pair in zip(FIRST, FIRST[k:] + FIRST[:k], strict=True)]
@@ -623,7 +613,6 @@ def test_the_registry_of_quaternions_is_what_the_tables_say():
 
 
 # --- bounds of the compliant frame, and moments that it cannot balance ----------------------------
-
 BOUNDS = ComplianceBounds(0.1, 0.8, 0.3)
 
 

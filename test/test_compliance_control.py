@@ -11,9 +11,10 @@ import pytest
 from arms import HOME, STILL, UR5, Plant, pose_of, robot_named
 from geometry_msgs.msg import WrenchStamped
 from representations import every_representation, make
-from ros_processes import Controlled, pose, values
+from ros_processes import Controlled, pose, values, wrench_stamped
 from samples import about, generator, positive_definite, turn_of, uniform, unit_vectors
 from sensor_msgs.msg import JointState
+from simulated import Simulated, frames_of
 from tolerances import (
     CLOSED_PATH,
     DAMPING_RATIO,
@@ -24,13 +25,8 @@ from tolerances import (
     assert_close,
 )
 
-from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.errors import ConfigurationError, FollowingError
-from eulerparams_control.laws.compliance_control import (
-    ComplianceControl,
-    ElasticLaw,
-    effects_of,
-)
+from eulerparams_control.laws.compliance_control import ComplianceControl, ElasticLaw, effects_of
 from eulerparams_control.laws.dynamic_control import EffortLimits
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.inverse_dynamics import InverseDynamics
@@ -40,11 +36,9 @@ from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.parameters.compliance_control import ComplianceParameters
 from eulerparams_control.parameters.fields import from_mapping
-from eulerparams_control.robot.catalogue import load_robot
-from sim_bridge.simulator import Simulator, SimulatorParameters
 
 K_P, K_O = 300 * positive_definite(1, key=1)[0], 10 * positive_definite(1, key=2)[0]
-FRAMES = {"base_frame": UR5.base_frame, "tip_frame": UR5.tip_frame}
+FRAMES = frames_of("ur5")
 FAR, UNCLIPPED = {"clip_position": 0.02, "clip_rotation": 0.1}, {}
 DESIRED = DesiredFrame(np.array([0.3, 0.1, 0.4]), about(0, 0.2) @ about(1, -0.2) @ about(2, 0.4))
 
@@ -59,8 +53,6 @@ def control(law, robot=UR5, limits=None, **dynamics):
 
 
 # --- the springs ---------------------------------------------------------------------------
-
-
 @every_representation
 @pytest.mark.parametrize("given", [UNCLIPPED, FAR])
 @pytest.mark.parametrize("frame", ["base", "desired"])
@@ -145,8 +137,6 @@ def test_only_euler_angles_pull_without_bound_at_their_pole():
 
 
 # --- the arm -------------------------------------------------------------------------------
-
-
 def poles(scheme, plant, desired):
     """Return the poles [1/s] of the free arm at rest in the desired frame, by differences."""
     h, n = 1e-6, len(plant.q)
@@ -235,8 +225,7 @@ def test_an_arm_that_is_as_fast_as_it_may_be_is_not_drawn_further():
 
 def test_clips_that_are_lowered_and_return_make_no_energy_around_any_closed_path():
     robot, home = robot_named("panda")
-    frames = {"base_frame": robot.base_frame, "tip_frame": robot.tip_frame}
-    parameters = from_mapping(ComplianceParameters, frames)
+    parameters = from_mapping(ComplianceParameters, frames_of("panda"))
     scheme, start = parameters.make_scheme(robot, parameters.limits(robot)), pose_of(robot, home)
     t = np.linspace(0.0, 2 * math.pi, 1500)
     for k in range(4):
@@ -304,9 +293,7 @@ def test_what_the_arm_loses_is_what_the_dampers_take():
 
 
 # --- blocked -------------------------------------------------------------------------------
-
-
-class Blocked:
+class Blocked(Simulated):
     """An arm that goes 0.3 m along y, where a wall is that vanishes after a while.
 
     Attributes:
@@ -315,32 +302,23 @@ class Blocked:
         forces: [N] that the environment feels along y, at each tick.
     """
 
-    def __init__(self, name, rate, seconds, **given_to_it):
-        about_it, (robot, q) = load_robot(name), robot_named(name)
-        frames = {"base_frame": about_it.base_frame, "tip_frame": about_it.tip_frame}
-        self.parameters = from_mapping(ComplianceParameters, frames | given_to_it)
-        self.scheme = self.parameters.make_scheme(robot, self.parameters.limits(robot))
-        self.controller = Controller(self.scheme, ControllerOptions.of(self.parameters), q)
-        self.start = pose_of(robot, q)
-        self.end = self.start._replace(p_d=self.start.p_d + [0.0, 0.3, 0.0])
-        position = list(self.start.p_d + [0.0, 0.03, 0.0])
+    def __init__(self, name, rate, seconds, **given):
+        self.parameters = from_mapping(ComplianceParameters, frames_of(name) | given)
+        position = list(pose_of(*robot_named(name)).p_d + [0.0, 0.03, 0.0])
         wall = {"shape": "plane", "position": position, "damping": 200.0, "end": seconds,
                 "orientation": [0.5**0.5, 0.0, 0.0, 0.5**0.5], "stiffness": 2e4}  # fmt: skip
-        given = {"tool_shape": "sphere", "tool_size": [0.01], "environment": {"wall": wall}}
+        solids = {"tool_shape": "sphere", "tool_size": [0.01], "environment": {"wall": wall}}
+        super().__init__(name, self.parameters, rate=rate, **solids)
+        self.end = self.start._replace(p_d=self.start.p_d + [0.0, 0.3, 0.0])
         self.controller.orders.follow(Trajectory([0.0, 3.0], [self.start, self.end]), None)
-        parameters = SimulatorParameters(control="torque", rate=rate, **given)
-        self.simulator = Simulator(about_it, parameters)
-        self.simulator.reset(q)
-        self.rate, self.k, self.speeds, self.forces = rate, 0, [], []
+        self.speeds, self.forces = [], []
         limits = self.parameters.motion_limits()
         self.most = np.array([limits.linear_speed, limits.angular_speed])
 
     def go(self, seconds):
         for _ in range(round(seconds * self.rate)):
-            self.k, state = self.k + 1, self.simulator.read()
-            command = self.controller.step(round(self.k * 1e9 / self.rate), state.q, state.dq)
-            self.simulator.command_effort(command.effort)
-            self.simulator.step()
+            state = self.simulator.read()
+            self.step(state)
             arm = self.controller.guidance.tick_now.state
             self.speeds.append([np.linalg.norm(arm.dp_e), np.linalg.norm(arm.omega_e)])
             self.forces.append(-(arm.R_e @ state.wrench[:3])[1])
@@ -390,8 +368,6 @@ def test_where_no_spring_acts_a_tip_beyond_its_speed_is_braked():
 
 
 # --- a force that is fed forward -------------------------------------------------------------
-
-
 def test_a_force_is_added_to_that_of_the_springs_and_taken_back():
     """A wall of k = 2e4 N/m, 1 mm before the desired frame: f = 15 N + K_p (1 mm - f / k)."""
     run = Blocked("ur5", 200.0, 2.0)
@@ -438,29 +414,22 @@ def test_a_force_ends_with_a_halt_and_the_springs_have_to_hold_it():
         replace(law, K_p=np.diag([1e3, 0.0, 1e3])).refuse_force(y, np.eye(3))
 
 
-def test_its_node_adds_a_force_until_the_stream_ends_and_refuses_what_springs_do_not_hold(
-    shared_world,
-):
+def test_its_node_adds_a_force_until_the_stream_ends_and_refuses_what_no_spring_holds(shared_world):
     node = Controlled(shared_world, "compliance_control", FRAMES)
     arm, (p, R) = node.arm, pose(HOME)
-    targets = node.peer.publisher(WrenchStamped, "/target_wrench")
-    node.graph.until(targets.get_subscription_count, "a subscriber of target_wrench")
+    targets = node.peer.sender(WrenchStamped, "/target_wrench")
 
-    def press(ticks, *force, moment=0.0):
+    def press(ticks, *wrench):
         for _ in range(ticks):
-            msg = WrenchStamped()
-            msg.header.frame_id, msg.header.stamp = UR5.tip_frame, arm.message().header.stamp
-            msg.wrench.force.x, msg.wrench.force.y, msg.wrench.force.z = force
-            msg.wrench.torque.x = moment
-            targets.publish(msg)
+            targets.publish(wrench_stamped(*wrench, stamp=arm.message().header.stamp))
             arm.tick()
         return R.T @ (pose(arm.q)[0] - p)
 
-    for force, moment, words in (
-        ((0.0, 0.0, 60.0), 0.0, "the springs do not hold 60 N"),
-        ((0.0, 0.0, 10.0), 1.0, "expected no moment"),
+    for wrench, words in (
+        ((0.0, 0.0, 60.0), "the springs do not hold 60 N"),
+        ((0.0, 0.0, 10.0, 1.0), "expected no moment"),
     ):
-        press(1, *force, moment=moment)
+        press(1, *wrench)
         assert words in node.process.log
     assert_close(press(600, 0.0, 0.0, 10.0), [0.0, 0.0, 0.01], 5e-4)
     assert float(values(node.status())["force fed forward [N]"]) == pytest.approx(10.0)
@@ -486,8 +455,6 @@ def test_the_springs_that_act_are_published_while_they_change(shared_world):
 
 
 # --- parameters ----------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("given", "words"),
     [

@@ -157,9 +157,7 @@ def test_there_are_words_for_each_mode_whatever_the_cause(mode):
         ("torque", {"effort": [1e300, *[0.0] * 5]}, "a too large effort"),
     ],
 )
-def test_a_command_that_cannot_be_used_is_rejected_with_its_reason_and_moves_nothing(
-    bench, control, fields, words
-):
+def test_a_command_that_cannot_be_used_is_rejected_and_moves_nothing(bench, control, fields, words):
     robot = bench(control=control)
     q = robot.state.q
     assert robot.send(**fields) is Reply.REJECTED
@@ -263,10 +261,7 @@ def test_the_warning_of_clipping_lasts_as_long_as_the_clipping_whatever_else_is_
     assert (robot.mode, robot.count(driving.CLIPPED)) == (BRAKED, 5)
     clip(0)
     assert [each.mode for each in robot.said[-2:]] == [OBEYING, OBEYING]
-    assert (robot.drive.status.cause, robot.count(driving.CLIPPED)) == (
-        Cause.CLIPPED,
-        6,
-    )
+    assert (robot.drive.status.cause, robot.count(driving.CLIPPED)) == (Cause.CLIPPED, 6)
 
 
 # --- the order of commands -------------------------------------------------------------------
@@ -336,10 +331,7 @@ def test_two_controllers_that_send_are_both_refused_and_named_until_one_is_silen
     robot.review()
     assert "publishers are /first, /second; braked" in robot.message
     robot.step(6.0, lambda: robot.send(number=next(second), **at(HOME + 0.5)))
-    assert [each.cause for each in robot.said[-2:]] == [
-        Cause.CONTEST_OVER,
-        Cause.NONE,
-    ]
+    assert [each.cause for each in robot.said[-2:]] == [Cause.CONTEST_OVER, Cause.NONE]
     assert robot.words.describe(robot.said[-2])[0] == WARN
     assert np.abs(robot.state.q - HOME - 0.5).max() < REACHED
 
@@ -581,10 +573,7 @@ def test_in_lockstep_the_duration_ends_the_run_when_its_last_state_is_answered(l
         assert paced.answer() is Reply.TAKEN
     assert paced.stamps == [k * MS for k in range(11)]
     assert (paced.pacing.error, paced.robot.message) == (None, "ended")
-    assert (paced.robot.mode, paced.robot.drive.status.cause) == (
-        ENDED,
-        Cause.FINISHED,
-    )
+    assert (paced.robot.mode, paced.robot.drive.status.cause) == (ENDED, Cause.FINISHED)
 
 
 def test_a_rejected_command_in_lockstep_stalls_until_the_timeout_which_tells_of_it(lockstep):
@@ -696,10 +685,7 @@ def test_a_robot_in_real_time_ends_after_its_duration_and_brakes_when_it_is_told
     for _ in range(10):
         paced.turn(0.01)
     assert paced.pacing.brake()
-    assert (paced.robot.mode, paced.robot.drive.status.cause) == (
-        ENDED,
-        Cause.SHUTDOWN,
-    )
+    assert (paced.robot.mode, paced.robot.drive.status.cause) == (ENDED, Cause.SHUTDOWN)
 
 
 def test_the_report_of_a_second_has_its_rate_gap_age_and_real_time_factor():

@@ -479,15 +479,6 @@ def test_a_tick_that_is_refused_leaves_the_step_to_another_law_to_the_next_one()
     assert_close(scheme.tick(DT, HOME, STILL, goal).command.effort, before, NULL_SPACE)
 
 
-def test_a_law_that_is_refused_is_not_taken():
-    scheme = dynamic()
-    kept = scheme.law, scheme.dynamics, scheme.limits
-    wrong = InverseDynamics(posture=np.zeros(7))
-    with pytest.raises(ConfigurationError, match=r"posture has 7 values.* 6 joints .*elbow"):
-        scheme.replace_law(law("euler_angles"), wrong, limits_of())
-    assert (scheme.law, scheme.dynamics, scheme.limits) == kept
-
-
 # --- hold ----------------------------------------------------------------------------------
 @pytest.mark.parametrize("limited", [True, False], ids=["limits", "no limits"])
 def test_hold_brings_a_moving_arm_to_rest_where_the_hold_began(limited):
@@ -605,9 +596,7 @@ def test_the_posture_is_the_same_by_any_turn(turning):
         assert_close(commands[1:], [commands[0]] * 2, 1e-9)
 
 
-def test_a_restart_goes_on_by_the_turn_that_was_commanded_and_the_limiter_never_the_long_way(
-    turning,
-):
+def test_a_restart_goes_on_by_the_turn_commanded_and_the_limiter_never_the_long_way(turning):
     (robot, q), still, turn = turning, np.zeros(7), 2 * math.pi * np.eye(7)[0]
     scheme = Clik(robot, ClikLaw(make("euler_parameters")), limits=robot.limits)
     scheme.reset(q + turn)
@@ -753,8 +742,6 @@ def test_a_loop_without_damping_asks_for_what_its_gains_say(gains):
 
 
 # --- too large an error --------------------------------------------------------------------
-
-
 DEG = math.radians(1)
 
 
@@ -813,8 +800,6 @@ def test_over_a_change_of_the_law_no_derivative_of_V_2_is_measured():
 
 
 # --- bad input -----------------------------------------------------------------------------
-
-
 BOUNDS = ("rate", "error_position", "error_rotation")
 COMPLIANCE = ("position", "rotation", "speed")
 
@@ -853,8 +838,13 @@ def test_an_impossible_number_is_refused_with_its_name_and_value(make, names, va
         (InverseDynamics(friction=JointFriction(np.ones(6), np.ones(7))), "friction_coulomb has 7"),
     ],
 )
-def test_values_of_the_wrong_number_are_refused_with_the_names_of_the_joints(dynamics, text):
-    with pytest.raises(ConfigurationError, match=rf"{text}.* 6 joints shoulder_pan_joint, .*elbow"):
+def test_values_of_the_wrong_number_are_refused_and_a_law_with_them_is_not_taken(dynamics, text):
+    scheme, words = dynamic(), rf"{text}.* 6 joints shoulder_pan_joint, .*elbow"
+    kept = scheme.law, scheme.dynamics, scheme.limits
+    with pytest.raises(ConfigurationError, match=words):
+        scheme.replace_law(law("euler_angles"), dynamics, limits_of())
+    assert (scheme.law, scheme.dynamics, scheme.limits) == kept
+    with pytest.raises(ConfigurationError, match=words):
         dynamic(dynamics=dynamics)
 
 

@@ -13,7 +13,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from gymnasium.utils.env_checker import check_env
 from pyarrow import parquet
-from ros_processes import SpunPeer
+from ros_processes import SpunPeer, wrench_stamped
 
 from eulerparams_control.lab.run.processes import Nodes
 from eulerparams_control.laws.orientation import ORIENTATIONS
@@ -138,9 +138,7 @@ def way(presses, closing):
     hand = peer.publisher(WrenchStamped, "external_wrench")
 
     def push(force):
-        msg = WrenchStamped()
-        msg.header.frame_id, msg.wrench.force.z = FRAMES["tip_frame"], force
-        hand.publish(msg)
+        hand.publish(wrench_stamped(0.0, 0.0, force, frame=FRAMES["tip_frame"]))
 
     def ends(word):
         """Assert that it says so at its end, and that it has gone back to the start."""

@@ -178,7 +178,6 @@ def test_a_variant_changes_of_groups_only_what_it_names(tmp_path):
 PAIR = ["first", "second"]
 ONE_NODE = {"use_sim_time": True, "require_reference": True, "wait_for_subscribers": 2}
 
-
 WIDE = yaml.safe_load((ROOT / "config" / "clik_admittance.yaml").read_text())
 WIDE = WIDE["/**"]["ros__parameters"]
 PAIRED = {"wrench_pairing": "stamp"}
@@ -297,9 +296,7 @@ def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path):
         ("just words", "expected the keys chart, claim, controller"),
     ],
 )
-def test_a_file_that_means_nothing_is_refused_with_its_name_and_the_reason(
-    tmp_path, content, words
-):
+def test_a_file_that_means_nothing_is_refused_with_its_name_and_reason(tmp_path, content, words):
     path = write(tmp_path, content)
     with pytest.raises(ConfigurationError, match=f"^{path}: .*{re.escape(words)}"):
         load_experiment(str(path))
@@ -409,9 +406,7 @@ def recordings(folder: Path, **speeds: float) -> dict[str, Recording]:
         ("ratio", PAIR, (1.0, 0.0, 9.0), math.inf, ""),
     ],
 )
-def test_runs_are_compared_if_all_of_them_are_there(
-    tmp_path, comparison, variants, speeds, expected, unit
-):
+def test_runs_are_compared_if_all_are_there(tmp_path, comparison, variants, speeds, expected, unit):
     content = criterion(**{comparison: variants}, below=0.6)
     experiment = load_experiment(str(write(tmp_path, content)))
     runs = recordings(tmp_path, **dict(zip(experiment.variants, speeds, strict=True)))
@@ -449,9 +444,7 @@ def test_a_run_that_diverged_counts_with_what_its_bag_holds(tmp_path):
         (ExitCode.ERROR, Event.FAULT, False),
     ],
 )
-def test_a_run_has_diverged_if_the_robot_or_its_controller_says_so(
-    tmp_path, bridge, controller, expected
-):
+def test_a_run_has_diverged_if_robot_or_controller_says_so(tmp_path, bridge, controller, expected):
     (tmp_path / "impedance_control.events").write_text('{"event": "ready"}')
     (tmp_path / "clik.events").write_text(f'{{"event": "{controller}"}}')
     nodes = Nodes(tmp_path)
@@ -639,8 +632,6 @@ def test_a_signal_ends_the_experiment_and_all_its_nodes(tmp_path, number):
 
 
 # --- bags of which messages are missing ------------------------------------------------------
-
-
 RATE, COUNT = 100.0, 30
 END = (COUNT - 1) / RATE
 

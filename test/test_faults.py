@@ -324,8 +324,6 @@ def test_what_is_random_on_one_topic_does_not_depend_on_another():
 
 
 # --- what a fault may say ---------------------------------------------------------------------
-
-
 GOOD = {"fault": "drop", "topic": "wrench", "at": 1.0, "for": 0.3}
 
 
@@ -407,8 +405,6 @@ def test_random_faults_are_the_same_for_the_same_seed_only():
 
 
 # --- the node, over DDS ----------------------------------------------------------------------
-
-
 ALWAYS = "at: 0.0, for: .inf"
 TYPES = {"wrench": WrenchStamped, "reference": MultiDOFJointTrajectory}
 

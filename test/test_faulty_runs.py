@@ -154,7 +154,6 @@ def test_runs_in_real_time_wait_for_each_other_unless_they_are_stopped():
 
 
 # --- numbers ----------------------------------------------------------------------------------
-
 PARAMETERS = {"tip_frame": "tip", "max_effort_rate": 100.0}
 
 
@@ -253,7 +252,6 @@ def test_numbers_of_what_was_not_recorded_are_refused(tmp_path):
 
 
 # --- runs -------------------------------------------------------------------------------------
-
 GOAL = {
     "motion": "way_points",
     "times": [1.0],

@@ -8,10 +8,10 @@ import math
 
 import numpy as np
 import pytest
-from simulated import MS
+from arms import pose_of, robot_named
+from simulated import Simulated, frames_of
 from test_contact_watch import LOOPS, START, Admittance, wall
 
-from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.control.mode import Cause, Mode, Why
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.force_control import (
@@ -28,8 +28,6 @@ from eulerparams_control.laws.rotations import quaternion
 from eulerparams_control.laws.wrench import SensedWrench
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
-from eulerparams_control.robot.catalogue import load_robot
-from sim_bridge.simulator import Simulator, SimulatorParameters
 
 FORCE = 10.0  # [N]
 SPEED = 0.02  # [m/s] of the approach at most
@@ -40,7 +38,7 @@ ENDED = Why(Cause.STREAM_ENDED)
 MEASURED = 5e-4
 
 
-class Pressing:
+class Pressing(Simulated):
     """An arm over a surface, along z of its tool.
 
     Attributes:
@@ -50,38 +48,24 @@ class Pressing:
     def __init__(
         self, name="ur5", rate=1000, gap=GAP, stiffness=1e4, solid=None, noise=0.0, **parameters
     ):
-        about = load_robot(name)
-        frames = {"base_frame": about.base_frame, "tip_frame": about.tip_frame}
-        p = ImpedanceParameters(**frames, max_approach_speed=SPEED, **parameters)
-        self.robot, q = p.robot(about.urdf), np.array(about.home)
-        self.scheme = p.make_scheme(self.robot, p.limits(self.robot))
-        arm = self.robot.state(q, np.zeros_like(q))
-        self.start = DesiredFrame(arm.p_e, arm.R_e)
-        eta, eps = quaternion(arm.R_e @ np.diag([1.0, -1.0, -1.0]))  # faces the tool
+        p, R = pose_of(*robot_named(name))[:2]
+        eta, eps = quaternion(R @ np.diag([1.0, -1.0, -1.0]))  # faces the tool
         solid = solid or {}
         depth = gap + BALL + solid.get("radius", 0.0)
         wall = {
             "shape": "plane",
-            "position": [float(p) for p in arm.p_e + arm.R_e[:, 2] * depth],
+            "position": (p + R[:, 2] * depth).tolist(),
             "orientation": [*map(float, eps), float(eta)],
             "stiffness": stiffness,
             "damping": 5e-4 * stiffness,
         } | solid
         if "radius" in solid:
             del wall["orientation"]
-        self.each = 1000 // rate  # steps of the simulation a tick
-        ball = {"tool_shape": "sphere", "tool_size": (BALL,)}
-        simulated = SimulatorParameters(
-            control="torque",
-            rate=rate * self.each,
-            environment={"wall": wall},
-            noise_force=noise,
-            **ball,
-        )
-        self.simulator = Simulator(about, simulated)
-        self.simulator.reset(q)
-        self.controller = Controller(self.scheme, ControllerOptions.of(p), q)
-        self.sensor, self.rate, self.ticks = self.robot.placement(about.tip_frame), rate, 0
+        simulated = {"tool_shape": "sphere", "tool_size": (BALL,), "environment": {"wall": wall}}
+        simulated |= {"noise_force": noise, "rate": rate, "each": 1000 // rate}
+        given = ImpedanceParameters(**frames_of(name), max_approach_speed=SPEED, **parameters)
+        super().__init__(name, given, **simulated)
+        self.sensor = self.robot.placement(self.robot.tip_frame)
         self.f, self.x, self.v = [], [], []
 
     def run(self, seconds, force=None):
@@ -91,16 +75,12 @@ class Pressing:
             self.scheme.sense(SensedWrench(state.wrench, self.sensor))
             if force is not None:
                 self.scheme.press(np.array([0.0, 0.0, force(t)]))
-            command = self.controller.step(round(1e3 * t) * MS, state.q, state.dq)
+            self.step(state)
             arm = self.robot.state(state.q, state.dq)
             n = arm.R_e[:, 2]
             self.f.append(-state.wrench[2])
             self.x.append(n @ (arm.p_e - self.start.p_d))
             self.v.append(n @ arm.dp_e)
-            self.simulator.command_effort(command.effort)
-            for _ in range(self.each):
-                self.simulator.step()
-            self.ticks += 1
         return self
 
     def press(self, seconds, force=FORCE):

@@ -22,7 +22,6 @@ from ros_processes import FRAMES, MODEL, UR5, Controlled, assert_may_stay, pose,
 from samples import examples
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 from test_messages import JOINTS, REFUSALS, good
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
@@ -43,7 +42,6 @@ UINT32 = st.integers(0, 2**32 - 1)
 NUMBER = st.sampled_from(SPECIAL) | st.floats() | st.floats(-2.0, 2.0)
 LETTERS = st.characters(exclude_categories=("Cs",), exclude_characters="\0")
 TEXT = st.sampled_from(["", "\u00e9\u2603", "x" * 10_000, "a\nb\x1b[2J", " "]) | st.text(LETTERS)
-
 
 Message = Any
 Place = tuple[Any, Any, Any]  # an owner, the name or index of what it has, and that
@@ -154,8 +152,6 @@ def test_what_a_refusal_quotes_is_short_and_can_be_printed():
 
 
 # --- the controllers, over DDS ---------------------------------------------------------------
-
-
 PARAMETERS = {
     "clik": FRAMES,
     "dynamic_control": FRAMES,
@@ -263,7 +259,7 @@ def starts(shared_world: World) -> tuple[Running, Any, Any, list[Any]]:
 
 @examples(12)
 @given(messages=st.lists(odd(AT_HOME) | st.builds(String, data=TEXT), min_size=5, max_size=25))
-def test_the_reference_node_survives_any_messages_and_then_starts_where_the_arm_is(
+def test_the_reference_node_survives_any_messages_and_starts_at_the_arm(
     messages, starts, shared_world
 ):
     process, states, description, heard = starts
@@ -272,7 +268,7 @@ def test_the_reference_node_survives_any_messages_and_then_starts_where_the_arm_
     heard.clear()
     description.publish(String(data=UR5.urdf))
     states.publish(AT_HOME)
-    shared_world.peer.call(Trigger, "/reference/send", Trigger.Request())
+    shared_world.peer.trigger("/reference/send")
     start = heard[-1].points[0].transforms[0].translation
     np.testing.assert_allclose([start.x, start.y, start.z], pose(UR5.home)[0], rtol=0, atol=1e-9)
     for msg in heard:

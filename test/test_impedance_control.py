@@ -337,7 +337,6 @@ def test_without_a_frame_or_a_wrench_there_is_no_V_3():
 
 
 # --- a wrench that is lost, and found again -------------------------------------------------------
-
 BLEND_TIME = 0.1  # [s] in which a wrench goes, or comes back
 
 

@@ -68,8 +68,6 @@ def complying(
 
 
 # --- the wrench at the tip -----------------------------------------------------------
-
-
 # 2 kg, 0.1 m along the rod beyond the tip, and a sensor that is off by 1 N and 0.5 Nm.
 EARTH = {"gravity": [0.0, 0.0, -10.0]}
 TOOL: dict[str, Any] = EARTH | {"tool_mass": 2.0, "tool_com": [0.1, 0.0, 0.0]}
@@ -134,7 +132,6 @@ def test_a_message_that_is_not_finite_is_left_out(tmp_path):
 
 
 # --- forces and moments --------------------------------------------------------------
-
 FORCES = [[0, 0, 0], [3, 0, -4], [0, 0, 5], [0, 2, 4], [0, -2, 4.5]]
 WRENCHES = [[*f, 0, 0, m] for f, m in zip(FORCES, (0.0, -9.0, 4.0, 5.0, 7.0), strict=True)]
 
@@ -358,7 +355,6 @@ def test_v_3_is_that_of_the_compliant_frame_whichever_loop_follows_it(compliant)
 
 
 # --- what the impedance equations leave ----------------------------------------------
-
 # A desired frame that turns and moves on a curve, and a compliant frame that does otherwise.
 ENDS = ([0.3, -0.8, 0.5], [1.0, 0.4, -0.9], [0.1, 0.6, 1.2], [-0.7, 0.2, 0.9])
 DESIRED, COMPLIANT = (
@@ -460,8 +456,6 @@ def test_what_is_about_the_desired_frame_turns_with_it(tmp_path):
 
 
 # --- table and page ------------------------------------------------------------------
-
-
 CONTACT_GRIDS = [
     "Contact force, base axes",
     "Contact moment, base axes",
@@ -480,9 +474,7 @@ def titles(run: Recording, folder: Path, **options: Any) -> list[str]:
     return re.findall(r"<h3>(.*?)</h3>", (folder / "page.html").read_text())
 
 
-def test_the_page_of_an_impedance_shows_wrench_compliance_and_motion_loop_in_order(
-    compliant, tmp_path
-):
+def test_an_impedance_page_shows_wrench_compliance_and_motion_loop_in_order(compliant, tmp_path):
     shown = titles(compliant, tmp_path)
     assert shown[:7] == ["Orientation error", *CONTACT_PLOTS]
     first = shown.index(CONTACT_GRIDS[0])

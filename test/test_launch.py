@@ -201,9 +201,7 @@ def test_a_simulated_robot_brings_its_frames_and_what_is_given_counts_last(launc
 
 
 @pytest.mark.parametrize("given", ["rviz", "foxglove"])
-def test_what_shows_the_arm_is_started_where_it_is_installed(
-    launched, tmp_path, monkeypatch, given
-):
+def test_what_shows_an_arm_is_started_where_it_is_installed(launched, tmp_path, monkeypatch, given):
     package = {"rviz": "rviz2", "foxglove": "foxglove_bridge"}[given]
     kinds = [each.kind for each in launched("bringup", **{given: "true"})]
     assert kinds.count("Node") == 2  # the robot and its controller

@@ -49,7 +49,7 @@ def jacobian_with(sigma, columns=6, key=0):
         (1.2, [-1.9, 0.0, 0.0], 2.0, [-1.1, 0.0, 0.0], RELATIVE),  # ends at -1
     ],
 )
-def test_a_velocity_is_limited_by_speed_and_position_and_from_outside_it_goes_inwards(
+def test_a_velocity_is_limited_by_speed_and_position_and_outside_goes_inwards(
     q_1, dq, dt, expected, atol
 ):
     limited, changed = LIMITS.limit_velocity(np.array([q_1, 0.0, 0.0]), np.array(dq), dt)
@@ -104,7 +104,6 @@ def test_a_difference_is_modulo_a_turn_where_there_are_no_limits_of_position():
 
 
 # --- limits of acceleration and effort ------------------------------------------------------
-
 JOINTS = 500  # that are simulated at once
 STOPPING = 0.01  # [s] of speed by which a joint at full speed overshoots where it must stop
 
@@ -355,7 +354,6 @@ def test_what_is_not_a_number_stays_so_within_limits():
 
 
 # --- limits of acceleration ------------------------------------------------------------
-
 ONE = np.array([1.0])
 
 
@@ -401,21 +399,13 @@ def clik(**limits):
     return Clik(UR5, ClikLaw(representation("euler_parameters")), limits=limited)
 
 
-def moving(scheme, speed=0.8, dt=1e-3):
-    """Let a scheme follow a motion until its joints are fast; return the last command."""
-    start, (q, _) = scheme.start_frame(), scheme.hold(dt, HOME, STILL)[:2]
-    v = np.array([0.0, speed, 0.0])
-    for k in range(400):
-        p, dp = start.p_d + v * (k * dt), v
-        tick = scheme.tick(dt, q, STILL, start._replace(p_d=p, dp_d=dp))
-        q = tick.command.q
-    return tick.command
-
-
 def test_clik_brakes_into_a_stop_along_its_way():
     scheme, dt = clik(), 1e-3
     scheme.reset(HOME)
-    before = moving(scheme)
+    start, v, before = scheme.start_frame(), np.array([0.0, 0.8, 0.0]), JointCommand(HOME, STILL)
+    for k in range(400):
+        desired = start._replace(p_d=start.p_d + v * (k * dt), dp_d=v)
+        before = scheme.tick(dt, before.q, STILL, desired).command
     assert np.abs(before.dq).max() > 0.5
     direction = before.dq / np.linalg.norm(before.dq)
     for _ in range(1000):
@@ -442,7 +432,6 @@ def test_clik_says_by_how_much_it_is_slowed():
 
 
 # --- the last line of defence -----------------------------------------------------------------
-
 TWO = JointLimits(-2 * np.ones(2), 2 * np.ones(2), np.ones(2), np.ones(2), np.full(2, 10.0))
 
 
@@ -454,9 +443,7 @@ def through(limiter, commands, dt=2e-3):
 
 @pytest.mark.parametrize("dt", [2e-3, 0.02])
 @pytest.mark.parametrize("lag", [0.0, 0.02, -0.1, 0.2])
-def test_a_stop_or_start_at_once_is_within_the_acceleration_also_where_the_law_begins_elsewhere(
-    lag, dt
-):
+def test_a_stop_or_start_at_once_is_within_the_acceleration_wherever_the_law_begins(lag, dt):
     limiter = CommandLimiter(TWO)
     ramp = [(np.zeros(2), np.zeros(2))]
     for k in range(1, round(0.1 / dt)):  # exact for steps: q goes on by the velocity before

@@ -120,7 +120,6 @@ def _frame(seed: int) -> DesiredFrame:
 
 HELD = _frame(0).at_rest()
 
-
 LATER = (None, None, None, 205_000_000, 250_000_001, None, 700_000_000)
 """Starts [ns] of some references: after they were sent, before, and after the next was sent."""
 

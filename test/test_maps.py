@@ -29,12 +29,7 @@ from eulerparams_control.lab.maps.orientation_map import OrientationMap
 from eulerparams_control.lab.maps.sampling import directions, passing
 from eulerparams_control.lab.maps.stiffness_map import StiffnessMap
 from eulerparams_control.lab.maps.sweep import batches_of, simulate, sweep
-from eulerparams_control.lab.maps.turning import (
-    DIVERGED,
-    FAST,
-    FINE,
-    UNSETTLED,
-)
+from eulerparams_control.lab.maps.turning import DIVERGED, FAST, FINE, UNSETTLED
 from eulerparams_control.lab.run import jobs
 from eulerparams_control.lab.run.jobs import results, workers
 from eulerparams_control.laws.orientation import EulerSequence
@@ -291,9 +286,7 @@ def test_a_part_that_is_damaged_or_foreign_is_simulated_again(tmp_path, damage, 
         ("eulerparams_control/lab/maps/main.py", False),
     ],
 )
-def test_a_map_of_other_code_is_another_map_but_not_of_another_kind_or_style(
-    monkeypatch, name, counts
-):
+def test_other_code_makes_another_map_but_not_another_kind_or_style(monkeypatch, name, counts):
     definition = load_map("arm")
     before = definition.fingerprint
     assert before == load_map("arm").fingerprint

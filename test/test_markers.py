@@ -109,8 +109,6 @@ def test_nothing_is_made_for_nobody_and_frames_need_tf2_msgs(world, monkeypatch)
 
 
 # --- the target, which the mouse moves -------------------------------------------------------
-
-
 UP = np.array([0.0, 0.0, 0.02])
 PLACE = "clik/target/"
 

@@ -258,7 +258,6 @@ def test_a_start_is_kept_to_the_nanosecond_until_then_the_present_goes_on_and_a_
 
 
 # --- rows of numbers ----------------------------------------------------------------------
-
 AXIS = np.array([2.0, -1.0, 2.0]) / 3
 ANGLE = 1.9
 R = samples.rodrigues(ANGLE, AXIS)

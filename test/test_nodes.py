@@ -92,7 +92,6 @@ JUMP = "{fault: clock_jump, topic: robot, at: 1, by: 1.0}"
 # An arm whose joints are slower than this stands [rad/s].
 AT_REST = 0.02
 
-
 shared = each_once(lambda _: AT_ONCE)
 
 
@@ -138,7 +137,6 @@ def test_a_change_of_a_parameter_that_is_not_possible_is_refused_and_changes_not
 
 
 # --- limits of the efforts -------------------------------------------------------------------
-
 of_dynamic_control = pytest.mark.parametrize("node", ["dynamic_control"], indirect=True)
 
 
@@ -280,9 +278,7 @@ def test_a_representation_that_is_changed_between_two_states_is_shown_by_its_fir
 
 
 @pytest.mark.skipif(not IS_COMPILED, reason="nothing is compiled")
-def test_a_law_that_would_have_to_be_compiled_is_refused_while_the_arm_is_controlled(
-    node, monkeypatch
-):
+def test_a_law_that_has_to_be_compiled_is_refused_while_the_arm_is_controlled(node, monkeypatch):
     class Own(OrientationRepresentation.registry["rotation_vector"]):
         """Of this file: what is compiled for it is not kept."""
 
@@ -299,9 +295,7 @@ def test_a_law_that_would_have_to_be_compiled_is_refused_while_the_arm_is_contro
 @pytest.mark.parametrize(
     ("executable", "autostart"), [("clik", True), ("clik", False), ("dynamic_control", True)]
 )
-def test_a_controller_is_configured_activated_deactivated_and_cleaned_up(
-    world, executable, autostart
-):
+def test_a_controller_is_configured_activated_deactivated_cleaned_up(world, executable, autostart):
     peer = world.peer
     arm = Controlled.ARMS[executable](world, UR5)
     process = world.start(executable, {**FRAMES, "autostart": autostart, "use_sim_time": True})
@@ -554,8 +548,6 @@ def test_the_command_can_be_a_joint_trajectory_or_an_array_of_positions_or_effor
 
 
 # --- reference -------------------------------------------------------------------------------
-
-
 CIRCLE = {"motion": "circle", "circle_radius": 0.05, "circle_period": 2.0, "circle_turns": 1.0}
 
 
@@ -583,7 +575,7 @@ def test_reference_sends_its_motion_from_good_states_again_when_asked_and_says_w
     process = world.start("reference", {**FRAMES, **CIRCLE})
 
     def send() -> Trigger.Response:
-        return peer.call(Trigger, "/reference/send", Trigger.Request())
+        return peer.trigger("/reference/send")
 
     waiting = "not sent: waiting for 1 subscribers of reference, 0 are there"
     answer = send()
@@ -644,7 +636,7 @@ def test_reference_does_not_end_what_goes_on(name, value, times):
 
 def test_reference_without_a_motion_says_so_when_asked_for_it(world):
     process = world.start("reference", FRAMES)
-    answer = world.peer.call(Trigger, "/reference/send", Trigger.Request())
+    answer = world.peer.trigger("/reference/send")
     assert (answer.success, answer.message) == (False, "not sent: the parameter motion is none")
     assert process.stop() == 0
 

@@ -52,7 +52,6 @@ from eulerparams_control.laws.orientation import (
     SignRule,
     representation,
 )
-from eulerparams_control.laws.orientation.base import Laws
 
 COUNT = 40
 K = 2.0  # k_Po [1/s]
@@ -269,7 +268,6 @@ def test_the_errors_about_an_axis_have_their_closed_forms(theta):
 
 
 # --- the resolved acceleration, eqs. (38)-(43) ---------------------------------------------
-
 K_PO, K_VO = GAINS = 12.0, 5.0  # [1/s^2], [1/s]
 # Those for which the paper has V_1 and V_2.
 HAVE_V = {"euler_parameters"}
@@ -472,9 +470,3 @@ def test_V_2_is_zero_at_Q2_and_four_times_the_gain_at_Q1():
             # both are equilibria
             a_o = law.resolved_acceleration(x_de, REST, REST, REST, K_PO, K_VO)
             tol.assert_close(a_o, 0, tol.ALGEBRAIC * K_PO)
-
-
-def test_a_representation_without_a_resolved_acceleration_cannot_be_made():
-    laws = make("euler_parameters").laws
-    with pytest.raises(TypeError, match="acceleration"):
-        Laws(laws.displacement, laws.velocity)

@@ -54,19 +54,13 @@ def run(*command, cwd, env=None):
     return result.stdout
 
 
-def executables_for_ros2_run(prefix):
-    """Return what `ros2 run` finds: executable files of PREFIX/lib/PACKAGE."""
-    folder = prefix / "lib" / "eulerparams_control"
-    return {file.name for file in folder.iterdir() if os.access(file, os.X_OK)}
-
-
 def files_of(folder):
     return {path.relative_to(folder) for path in folder.rglob("*.*") if path.is_file()}
 
 
 def assert_is_installed(prefix):
-    share = prefix / "share"
-    assert executables_for_ros2_run(prefix) == EXECUTABLES
+    share, lib = prefix / "share", prefix / "lib" / "eulerparams_control"  # for `ros2 run`
+    assert {file.name for file in lib.iterdir() if os.access(file, os.X_OK)} == EXECUTABLES
     assert (share / "ament_index/resource_index/packages/eulerparams_control").is_file()
     assert (share / "eulerparams_control/package.xml").is_file()
     assert files_of(share / "eulerparams_control/config") == files_of(ROOT / "config")
@@ -240,8 +234,6 @@ def test_what_a_repository_has_agrees_with_the_package():
 
 
 # --- set-up, with stand-ins for Python and pip -----------------------------------------------
-
-
 SETUP = ROOT / "tools" / "setup"
 PYTHON = """#!/bin/sh
 case "$*" in

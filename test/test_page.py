@@ -227,7 +227,6 @@ def test_text_of_a_bag_is_escaped_everywhere(tmp_path):
 
 
 # --- dynamic control -----------------------------------------------------------------------
-
 GAINS = {"orientation": "euler_parameters", "k_Po": 100.0, "k_Vo": 15.0}
 
 

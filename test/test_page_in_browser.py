@@ -56,8 +56,10 @@ def track(q: np.ndarray) -> Track:
     return Track(t, q, p, R, p + [0.1, 0, 0], R, p + [0.05, 0, 0], R, f, 0.1 * f)
 
 
-def digests(folder: Path) -> list[Digest]:
-    """Return a calm run and one that leaves all numbers, with a name that is a script."""
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of a calm run and of one that leaves all numbers, with a name that is a script."""
+    folder = tmp_path_factory.mktemp("page")
     error = np.linspace(0.05, 0.0, STEPS)
     q = positions(np.linspace(0, END, STEPS))
     wild = 0.8 * q
@@ -68,13 +70,7 @@ def digests(folder: Path) -> list[Digest]:
         path = write_run(folder / name, error, error, speeds=error, parameters={"k_Po": name})
         digest = Digest.of(load(path))
         runs.append(replace(digest, robot=robot(), urdf=URDF, track=track(values)))
-    return runs
-
-
-@pytest.fixture(scope="module")
-def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("page")
-    write_page(folder / "page.html", digests(folder), EVIL, EVIL)
+    write_page(folder / "page.html", runs, EVIL, EVIL)
     return folder / "page.html"
 
 

@@ -283,11 +283,8 @@ def test_what_was_looked_at_is_not_looked_at_again_unless_it_changed(tmp_path):
 
 
 # --- experiments in the library alone --------------------------------------------------------
-
-
 # Runge-Kutta's method in steps of 2 ms leaves 1e-9 deg of errors of 180 deg.
 INTEGRATED = 1e-6
-
 
 result_of = cache(run_library)
 
@@ -329,11 +326,6 @@ def test_a_wrong_T_or_its_derivative_is_found(monkeypatch, name, wrong, left):
     monkeypatch.setattr(e1, "FEW", 30)
     found = e1.residuals(e1.errata())
     assert {name for name in ("(24)", "(38)", "(50)") if found[name] > 1.0} == left
-
-
-def test_a_library_experiment_that_does_not_exist_is_refused_with_those_that_do():
-    with pytest.raises(UnknownNameError, match="unknown library experiment 'e9'; known: closed_p"):
-        run_library("e9")
 
 
 def test_a_number_that_the_library_does_not_have_is_refused():

@@ -218,8 +218,6 @@ def test_what_the_node_refuses_or_does_not_know_is_refused_with_its_reason(node)
 
 
 # --- any value -------------------------------------------------------------------------------
-
-
 RCLError = rclpy_implementation.RCLError
 
 KINDS = {
@@ -313,9 +311,7 @@ EMPTY: dict[str, Any] = {"ros__parameters": {}}
         *((content, False) for content in ([1, 2], "clikk", None)),
     ],
 )
-def test_a_file_for_nearly_this_node_is_refused_and_one_for_it_or_others_left_to_rcl(
-    content, refused, tmp_path
-):
+def test_a_file_for_nearly_this_node_is_refused_and_others_left_to_rcl(content, refused, tmp_path):
     file = tmp_path / "parameters.yaml"
     file.write_text(yaml.safe_dump(content))
     arguments = ["x", "--ros-args", "--params-file", str(file), "--params-file", "/none"]
@@ -377,8 +373,6 @@ def test_a_damaged_file_of_an_experiment_or_a_map_is_taken_or_refused(data, fold
 
 
 # --- as executables ----------------------------------------------------------------------------
-
-
 FILES = {
     "misspelt": (
         "/**:\n  ros__parameters:\n    use_sim_tme: true\n",

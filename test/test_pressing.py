@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
-from ros_processes import FRAMES, UR5, Arm, Controlled, FeelingArm
+from ros_processes import FRAMES, UR5, Arm, Controlled, FeelingArm, wrench_stamped
 from sensor_msgs.msg import JointState
 from synthetic_runs import recorded
 from test_experiments import started
@@ -223,17 +223,10 @@ def test_while_a_force_is_exerted_no_stiffness_has_to_account_for_it(tmp_path):
 def test_the_impedance_that_acts_is_published_while_it_changes(world):
     node = Controlled(world, NAME, {**SIMULATED, "wrench_pairing": "stamp"})
     found = node.peer.listen(JointState, f"/{NAME}/impedance")
-    stiffness = node.peer.publisher(WrenchStamped, "/target_stiffness")
-    node.graph.until(stiffness.get_subscription_count, "a subscriber")
+    stiffness = node.peer.sender(WrenchStamped, "/target_stiffness")
     node.arm.ticks(3)
     found.clear()
-    msg = WrenchStamped()
-    for part, values in (
-        (msg.wrench.force, [500.0, 2000.0, 2000.0]),
-        (msg.wrench.torque, [100.0] * 3),
-    ):
-        part.x, part.y, part.z = values
-    stiffness.publish(msg)
+    stiffness.publish(wrench_stamped(500.0, 2000.0, 2000.0, 100.0, 100.0, 100.0, frame=""))
     node.arm.ticks(100)
     K = [dict(zip(each.name, each.position, strict=True))["K_p.xx"] for each in found]
     assert len(K) > 90

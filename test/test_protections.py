@@ -29,7 +29,6 @@ from ros_processes import (
 )
 from samples import rodrigues
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 from tolerances import LAW_IN_A_NODE, SIMULATED_POSE
 
 from eulerparams_control.control.judge import AT_REST
@@ -50,7 +49,6 @@ SILENT = "no valid joint_states within 0.5 s: no commands; is the robot running?
 MOVES = 1e-3
 # A joint may exceed its speed limit by what the discrete time leaves, of the limit.
 SPEED_LIMIT = 1e-3
-
 
 PAIRED = {"impedance_control": {"wrench_pairing": "stamp"}}
 shared = each_once(lambda name: {**FRAMES, **PAIRED.get(name, {}), "state_rate": 1000.0})
@@ -288,7 +286,6 @@ def test_a_signal_ends_each_other_node_by_its_own_handler(graph, executable, rea
 
 
 # --- however control ends -----------------------------------------------------------------
-
 # An arm of 0.25 m/s stops within this [m] at 1 m/s^2, with the jerk limit.
 STOPPING_DISTANCE = 0.06
 # A frictionless arm with its last effort moves by this [m] within 0.5 s at most: it is slower than
@@ -451,7 +448,7 @@ def test_an_arm_that_is_halted_says_so_and_is_resumed_when_it_is_at_rest(world, 
 
     def ask(service: str) -> str:
         """Return why a service refuses."""
-        response = node.peer.call(Trigger, f"/{executable}/{service}", Trigger.Request())
+        response = node.peer.trigger(f"/{executable}/{service}")
         return "" if response.success else str(response.message)
 
     assert ask("halt") == ""

@@ -93,9 +93,7 @@ def test_nothing_is_asked_for_by_default(world, system, monkeypatch):
 
 
 @pytest.mark.parametrize("name", NODES)
-def test_what_is_not_permitted_is_a_warning_with_a_remedy_and_the_node_goes_on(
-    world, system, monkeypatch, name
-):
+def test_what_is_not_permitted_is_a_warning_and_the_node_goes_on(world, system, monkeypatch, name):
     refuse = Mock(side_effect=PermissionError(errno.EPERM, "Operation not permitted"))
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     monkeypatch.setattr(os, "sched_setaffinity", refuse)

@@ -67,13 +67,6 @@ def write_story(
     return write_messages(folder / "run", topics_of(plain), messages)
 
 
-def write_arms(folder: Path, arms: Sequence[str], nodes: Sequence[str]) -> Path:
-    """Write a run of several arms, by their namespaces, in which each node said that it is here."""
-    plain = write_run(folder / "plain", [0.0] * 30)
-    said = [saying(0.0, name, OK, "here", {}) for name in nodes]
-    return arms_together(folder / "arms", dict.fromkeys(arms, plain), said)
-
-
 def told(story: Sequence[Saying]) -> list[tuple[object, ...]]:
     levels = {OK: "ok", WARN: "warning", ERROR: "error"}
     return [(pytest.approx(t), name, levels[level], *words, "") for t, name, level, *words in story]
@@ -156,7 +149,9 @@ def test_what_was_said_before_the_first_and_after_the_last_state_is_told(tmp_pat
     ],
 )
 def test_the_nodes_of_another_arm_are_not_told_and_those_of_none_are(tmp_path, said, told_of):
-    bag = write_arms(tmp_path, list(told_of), said)
+    plain = write_run(tmp_path / "plain", [0.0] * 30)
+    sayings = [saying(0.0, name, OK, "here", {}) for name in said]
+    bag = arms_together(tmp_path / "arms", dict.fromkeys(told_of, plain), sayings)
     for side, names in told_of.items():
         run = load(bag, namespace=side)
         assert sorted(report.node for report in run.reports) == names

@@ -76,7 +76,6 @@ def configurations(n, key):
 
 
 # --- dynamics, eq. (32) -------------------------------------------------------------------
-
 GRAVITY = (0.0, 0.0, -9.81)
 TOOL = Tool(
     1.7,
@@ -115,14 +114,8 @@ def with_a_tool(urdf, tip, tool):
     )
 
 
-def catalogue_urdf(name):
-    """Return the URDF of a robot of the catalogue, its base and its tip."""
-    description = load_robot(name)
-    return description.urdf, description.base_frame, description.tip_frame, description.joints
-
-
 ARMS = {
-    **{name: catalogue_urdf(name) for name in CATALOGUE},
+    **{a.name: (a.urdf, a.base_frame, a.tip_frame, a.joints) for a in map(load_robot, CATALOGUE)},
     "every kind of joint": (with_inertia(ARM), "base", "hand", ()),
     "base is the root": (with_inertia(ARM), "", "hand", ()),
     "base that turns": (with_inertia(ARM), "column", "hand", ()),
@@ -249,8 +242,6 @@ def test_the_joints_before_the_base_and_the_active_ones_with_their_limits_are_in
 
 
 # --- refusals -----------------------------------------------------------------------------
-
-
 KNOWN = "known: bend, lift, turn$"
 
 
@@ -329,7 +320,6 @@ def test_a_frame_that_is_not_there_or_not_measured_is_refused(base, frame, words
 
 
 # --- the catalogue ------------------------------------------------------------------------
-
 TWO_LINKS = """
 <robot name="two">
   <link name="base"/> <link name="arm"/> <link name="finger"/>
@@ -385,9 +375,7 @@ def test_the_arms_end_where_the_experiments_take_them_to_end():
     assert str(caught.value) == f"unknown robot 'ur55' (did you mean 'ur5'?); known: {known}"
 
 
-def test_a_path_takes_the_root_the_longest_chain_and_a_home_within_limits_or_an_entry(
-    entry, tmp_path
-):
+def test_a_path_takes_root_longest_chain_and_a_home_within_limits_or_an_entry(entry, tmp_path):
     listed = load_entry(entry, tmp_path)
     assert load_robot(str(tmp_path / "two.yaml")) == listed  # by its path, wherever it is
     assert listed.urdf_path == tmp_path / "two.urdf"  # beside it

@@ -5,10 +5,9 @@ import math
 import numpy as np
 import pytest
 from arms import robot_named
-from simulated import Simulated
+from simulated import Simulated, frames_of
 from tolerances import ROBOTS_DEG, ROBOTS_MM
 
-from eulerparams_control.control.controller import ControllerOptions
 from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.laws.inverse import DampedInverse, smallest_singular_value
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
@@ -16,7 +15,6 @@ from eulerparams_control.laws.rotations import angle_between
 from eulerparams_control.parameters.dynamic_control import DynamicParameters
 from eulerparams_control.parameters.reference import ReferenceParameters
 from eulerparams_control.resources import config_names
-from eulerparams_control.robot.catalogue import load_robot
 
 # The smallest singular value of J at home is so many times that at which damping sets in: room
 # for an experiment, as are the distance to the position limits [rad] and the part of the efforts
@@ -50,21 +48,19 @@ def test_the_urdf_of_a_robot_states_its_inertia_and_its_limits(name):
 
 @each_robot
 def test_dynamic_control_tracks_the_motion_of_a_robot_within_its_limits(name):
-    about, given = load_robot(name), MOTIONS[name].nodes
-    frames = {"base_frame": about.base_frame, "tip_frame": about.tip_frame}
-    parameters = DynamicParameters(**frames, **given["dynamic_control"])
-    robot = parameters.robot(about.urdf)
-    assert robot.joints == about.joints
-    scheme = parameters.make_scheme(robot, parameters.limits(robot))
+    (robot, home), given = robot_named(name), MOTIONS[name].nodes
+    parameters = DynamicParameters(**frames_of(name), **given["dynamic_control"])
     motion = ReferenceParameters(**given["reference"]).way_points()
-    q_0 = inverse_kinematics(robot, motion.frames[0], np.array(about.home))
-    options, simulated = ControllerOptions.of(parameters), given.get("pybullet_bridge", {})
-    run = Simulated(name, scheme, options, motion, q_0, **simulated)
+    q_0 = inverse_kinematics(robot, motion.frames[0], home)
+    arm = Simulated(name, parameters, q_0, **given.get("pybullet_bridge", {}))
+    assert arm.robot.joints == robot.joints
+    arm.controller.orders.follow(motion, 0)
     for _ in range(4000):  # until it is there
-        run.step()
-        tick = run.ticks[-1]
+        arm.step(arm.simulator.read())
+        tick = arm.controller.guidance.tick_now
         assert math.degrees(angle_between(tick.desired.R_d, tick.state.R_e)) < ROBOTS_DEG
         assert 1e3 * np.linalg.norm(tick.dp_de) < ROBOTS_MM
         assert np.all(np.abs(tick.state.dq) < robot.limits.velocity)
         assert not tick.saturated
-    assert np.linalg.norm(run.end().state.p_e - motion.frames[-1].p_d) < 1e-3 * ROBOTS_MM
+    assert not arm.controller.fault
+    assert np.linalg.norm(tick.state.p_e - motion.frames[-1].p_d) < 1e-3 * ROBOTS_MM

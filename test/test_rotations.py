@@ -119,8 +119,6 @@ def test_product_composes_and_conjugate_inverts():
 
 
 # --- exponential and logarithm ---------------------------------------------------------------
-
-
 @pytest.mark.parametrize("theta", [*LOG_ANGLES, so3.SMALL_ANGLE, 4.0, 7.0])
 def test_exp_turns_by_the_length_about_the_direction_and_log_inverts_it_accurately(theta):
     for r in samples.unit_vectors(50):
@@ -188,16 +186,10 @@ def test_angle_between_two_frames_is_the_angle_of_their_mutual_rotation(theta):
 
 
 # --- the sign of the mutual quaternion -----------------------------------------------------
-
 NOISE = 0.02  # [rad]
 STEP_OF_THE_WALK = 0.05  # [rad], each component
 
 every_rule = pytest.mark.parametrize("name", SIGNS)
-
-
-def about_z(theta):
-    """Return the mutual quaternion of a rotation by theta [rad] about z, with eta >= 0."""
-    return so3.EulerParameters.from_R(samples.about(2, theta))
 
 
 def choose_all(rule, quaternions):
@@ -262,14 +254,13 @@ def test_only_shortest_chatters_under_noise_and_only_continuous_gets_to_eta_of_m
         chosen = choose_all(SignRule(name), random_walk())
         assert low[0] <= min(Q.eta for Q in chosen) < low[1]
         assert (flips(chosen) > 0) == jumps
-    noise = [about_z(math.pi + NOISE * (-1) ** n) for n in range(100)]
+    turns = [samples.about(2, math.pi + NOISE * (-1) ** n) for n in range(100)]
+    noise = list(map(so3.EulerParameters.from_R, turns))  # eta >= 0
     for name, count in (("shortest", 99), ("hysteretic", 0), ("continuous", 0)):
         assert flips(choose_all(SignRule(name), noise)) == count
 
 
 # --- where the sign must not be chosen: on each quaternion apart (E14) -------------------------
-
-
 @pytest.mark.parametrize("apart", [0.1, 1.0, 3.0])
 def test_separate_is_the_composition_of_two_quaternions_with_positive_eta(apart):
     negative = 0
@@ -334,22 +325,9 @@ def test_impossible_options_are_refused_with_their_value_and_the_bounds(given, t
 
 
 # --- Euler angles, eqs. (2), (3) ----------------------------------------------------------
-
 FEW = 50
 
 every_sequence = pytest.mark.parametrize("name", SEQUENCES)
-
-
-def random_angles(count, key=0):
-    """Return angles (3,) in (-pi, pi), beta included: T is defined everywhere."""
-    return list(samples.generator(10, key).uniform(-math.pi, math.pi, size=(count, 3)))
-
-
-def principal_angles(name, count):
-    """Return angles (3,) with beta in the range of extraction, off the poles."""
-    lower, upper = samples.poles(name)
-    low, high = [-math.pi, lower + 0.05, -math.pi], [math.pi, upper - 0.05, math.pi]
-    return list(samples.generator(11).uniform(low, high, size=(count, 3)))
 
 
 def assert_extracts(name, R, previous=None):
@@ -372,11 +350,10 @@ def test_there_are_the_12_sequences_whose_neighbours_differ_with_their_axes_and_
 
 # --- eqs. (2), (3) ---------------------------------------------------------------------------
 @every_sequence
-def test_R_is_the_product_of_elementary_rotations_T_makes_omega_of_the_rates_and_dT_is_its_rate(
-    name,
-):
+def test_R_is_the_product_of_elementary_rotations_T_makes_omega_of_rates_and_dT_is_its_rate(name):
     sequence = EulerSequence(name)
-    for phi, dphi in zip(random_angles(FEW), samples.vectors(FEW), strict=True):
+    angles = samples.generator(10, 0).uniform(-math.pi, math.pi, size=(FEW, 3))  # beta too
+    for phi, dphi in zip(angles, samples.vectors(FEW), strict=True):
         R = samples.by_angles(name, *phi)
         assert_close(sequence.R(phi), R)  # eq. (2)
 
@@ -403,8 +380,10 @@ def test_pole_distance_is_the_angle_of_the_first_and_last_axis_and_accurate_near
 # --- rates -----------------------------------------------------------------------------------
 @every_sequence
 def test_rates_invert_T_and_extraction_returns_angles_in_their_principal_range(name):
-    sequence = EulerSequence(name)
-    for phi, omega in zip(principal_angles(name, FEW), samples.vectors(FEW), strict=True):
+    sequence, (lower, upper) = EulerSequence(name), samples.poles(name)
+    low, high = [-math.pi, lower + 0.05, -math.pi], [math.pi, upper - 0.05, math.pi]
+    angles = samples.generator(11).uniform(low, high, size=(FEW, 3))  # off the poles
+    for phi, omega in zip(angles, samples.vectors(FEW), strict=True):
         assert_close(sequence.T(phi) @ sequence.rates(phi, omega), omega)
         assert_close(sequence.extract(samples.by_angles(name, *phi)), phi)
 

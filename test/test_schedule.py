@@ -34,7 +34,6 @@ from eulerparams_control.robot.catalogue import load_robot
 PATIENCE = 30.0  # [s] a guard against hanging, not a measure
 
 # --- domains ---------------------------------------------------------------------------------
-
 # As with those of ros_processes.py, Linux gives none of their ports to outgoing connections.
 OWN = range(215, 219)
 Take = Callable[[int], list[Domain]]
@@ -117,7 +116,6 @@ def test_a_domain_that_is_taken_has_nothing_left_in_shared_memory(take):
 
 
 # --- run cache ---------------------------------------------------------------------------------
-
 MAKING = Making("definition", "code")
 
 
@@ -221,9 +219,7 @@ def write(name: str) -> Callable[[Path], object]:
         (begun, write("second_0.mcap"), NOT_RECORDED.format("second_0.mcap")),
     ],
 )
-def test_a_bag_that_is_not_that_of_the_run_is_neither_taken_nor_removed(
-    tmp_path, made, change, words
-):
+def test_a_bag_that_is_not_of_the_run_is_neither_taken_nor_removed(tmp_path, made, change, words):
     record = made(tmp_path)
     change(record.bag)
     refused(record, words)
@@ -250,9 +246,7 @@ def test_a_run_that_finds_a_bag_of_another_does_not_claim_it(tmp_path):
 
 
 # --- the lock --------------------------------------------------------------------------------
-def test_of_two_calls_on_one_folder_the_second_is_refused_until_the_first_has_ended(
-    tmp_path, capsys
-):
+def test_of_two_calls_on_one_folder_the_second_is_refused_until_the_first_ended(tmp_path, capsys):
     code = (
         "from pathlib import Path; from eulerparams_control.lab.run.run_cache import locked; "
         "lock = locked(Path(sys.argv[1])); lock.__enter__()"

@@ -426,9 +426,7 @@ def test_limits_that_are_lowered_slow_what_moves_and_what_follows_a_stop(how):
     "reference", [Jog(0.2 * np.eye(6)[0], 0.1), SetPoint(moved(twist=0.2), 0.1)]
 )
 @pytest.mark.parametrize("at", [0.85, 1.5])
-def test_what_was_sent_before_or_while_time_stood_still_moves_nothing_when_it_goes_on(
-    reference, at
-):
+def test_what_was_sent_before_or_while_time_stood_still_moves_nothing_after_it(reference, at):
     motion = follow([(at, sent(reference))], 3.0, scale=Plan(0.0, 1.0))
     assert norm(motion.p[1000:] - motion.p[999]) < 0.002  # the brake of what had begun
     assert norm(motion.p[:999] - HERE.p_d) < (0.01 if at < 1 else 1e-9)

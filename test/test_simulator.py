@@ -28,7 +28,6 @@ from sim_bridge.simulator import Simulator, SimulatorState
 from sim_bridge.urdf import SENSOR_LINK, Body, simulation_urdf
 
 # --- tolerances ----------------------------------------------------------------------
-
 # Inverse dynamics of (dq' - dq) / dt: rounding of dq (1e-15) over dt (1e-3) times an
 # inertia of 10, and two decades for torques of 100 Nm.
 TORQUE = 1e-9
@@ -64,7 +63,6 @@ MEAN = 4.5 / np.sqrt(SAMPLES)
 DEVIATION = 4.5 / np.sqrt(2 * SAMPLES)
 
 # --- samples -------------------------------------------------------------------------
-
 ROBOTS = ("ur5", "ur10", "panda", "kuka_iiwa")
 GRAVITY = np.array([0.0, 0.0, -9.81])
 TOOL_COM = (0.02, -0.03, 0.1)
@@ -214,8 +212,6 @@ def run(sim: Simulator, steps: int) -> SimulatorState:
 
 
 # --- dynamics ------------------------------------------------------------------------
-
-
 GIVEN = [((), ()), (0.0, ()), ((), 0.0), ((1.5,), (0.2,)), ((), 0.3), ("each", "each")]
 ROTORS = (0.5, 0.4, 0.3, 0.05, 0.04, 0.03)
 
@@ -498,9 +494,7 @@ def test_a_joint_beyond_its_limits_by_more_than_the_margin_or_where_it_stood_is_
 @pytest.mark.parametrize(
     ("enforced", "push"), [(False, 0.0), (True, 0.0), (True, 1.0)], ids=["free", "limits", "pushed"]
 )
-def test_a_joint_that_races_or_hits_its_stop_is_a_violation_only_under_torque_with_limits(
-    enforced, push
-):
+def test_a_joint_that_races_or_hits_its_stop_violates_only_under_torque_with_limits(enforced, push):
     """A push that is weak leaves the protective stop to the brakes."""
     still = {"control": "torque", "gravity": (0.0, 0.0, 0.0), "enforce_limits": enforced}
     sim = simulator("ur5", **still)
@@ -595,7 +589,6 @@ def test_an_arm_that_no_brakes_could_stop_is_locked_where_it_was():
 
 
 # --- refusals ------------------------------------------------------------------------
-
 BAD = {
     "a sum that is not finite": [1.7e308, 1.7e308, float("nan"), 0.0, 0.0, 0.0],
     "nan": [0.0, 0.0, 0.0, 0.0, 0.0, float("nan")],
@@ -667,9 +660,7 @@ RUB = {"friction_coulomb": 1.0}  # implicit for this robot
 @pytest.mark.parametrize("strength", [1e9, 1e30, 1e300])
 @pytest.mark.parametrize("cause", ["effort", "push", "both"])
 @pytest.mark.filterwarnings("error")
-def test_a_robot_that_is_torn_apart_says_so_and_never_reports_what_is_not_finite(
-    cause, strength, tool
-):
+def test_a_robot_torn_apart_says_so_and_never_reports_what_is_not_finite(cause, strength, tool):
     sim = simulator("kuka_iiwa", control="torque", enforce_limits=False, **tool)
     fresh = run(sim, 3)
     sim.command_effort(np.full(7, strength if cause != "push" else 0.0))
@@ -754,9 +745,7 @@ def test_an_impossible_parameter_is_refused_with_the_bound(values, reason):
         ),
     ],
 )  # fmt: skip
-def test_what_cannot_be_simulated_is_refused_with_the_reason(
-    monkeypatch, arm, parameters, error, words
-):
+def test_what_cannot_be_simulated_is_refused_and_why(monkeypatch, arm, parameters, error, words):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.setattr(sys, "platform", "linux")
     with pytest.raises(error, match=words):

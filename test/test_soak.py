@@ -100,7 +100,6 @@ def test_the_kernel_says_what_this_process_takes():
 
 
 # --- numbers of a run ------------------------------------------------------------------------
-
 START = 1_700_000_000_000_000_000
 RATE, SECONDS, WARM_UP = 10, 40.0, 10.0  # a fifth of what counts
 

@@ -630,7 +630,6 @@ def test_references_that_came_while_the_arm_ran_away_have_to_pause_when_it_is_ba
 
 
 # --- the table of modes, and what each keeps ----------------------------------------------
-
 TABLE = """
 event       waiting   holding     following   stopped     releasing   distrusting
 REFERENCE   following following   following   following   following   distrusting

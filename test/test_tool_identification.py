@@ -20,12 +20,7 @@ from eulerparams_control.errors import (
 from eulerparams_control.motion.way_points import parse_way_points
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.urdf import UrdfTree
-from eulerparams_control.tool.identification import (
-    GRAVITY,
-    Identification,
-    identify,
-    spread,
-)
+from eulerparams_control.tool.identification import GRAVITY, Identification, identify, spread
 from eulerparams_control.tool.mount import Carried, SensorMount, carried
 from eulerparams_control.tool.poses import Pose, PoseCollector, PoseOptions
 from eulerparams_control.tool.report import ToolReport
@@ -124,7 +119,6 @@ def test_what_does_not_fit_is_left_over_in_its_pose():
 
 
 # --- what is refused -------------------------------------------------------------------------
-
 BIASED = some(0).bias
 
 
@@ -188,8 +182,6 @@ def test_three_directions_an_angle_apart_have_this_spread(degrees, R):
 
 
 # --- when a pose is taken --------------------------------------------------------------------
-
-
 MS = 1_000_000  # [ns]
 OPTIONS = PoseOptions(settle_time=0.1, averaging_time=0.2, max_speed=0.02)
 TILTED = HOME + [0, 0, 0, 0.9, 0, 0]
@@ -333,8 +325,6 @@ def test_after_a_jump_of_the_stamps_the_standstill_begins_anew(bench, jump):
 
 
 # --- the report ------------------------------------------------------------------------------
-
-
 LINK = '<link name="{}"/>'
 HEAVY = """<link name="{}"><inertial><origin xyz="{}"/><mass value="{}"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
@@ -417,7 +407,6 @@ def test_it_is_what_the_simulated_sensor_feels(robot, frame):
 
 
 # --- the report ------------------------------------------------------------------------------
-
 FOUND = Identification(
     1.5, np.array([0.01, -0.02, 0.06]), np.array([3.0, -2.0, 3.5, 0.2, -0.1, 1e-7]),
     0.0012, np.full(3, 1e-4), np.full(6, 1e-3), np.array([0.02, 0.3, 0.01]),

@@ -10,7 +10,6 @@ import test_drive
 from builtin_interfaces.msg import Time
 from ros_processes import values
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 from test_drive import HOME, MS, UR5, at
 from test_simulator import ROTORS
 
@@ -36,7 +35,6 @@ DT = 1e-3  # [s] of a step
 MOTORS = 1e-3
 
 # --- the acceleration that commands ask for --------------------------------------------------
-
 Asked = tuple[int, float, float, float]
 """Stamp [ns], when it came [s], position [rad] and speed [rad/s] of a joint."""
 
@@ -318,7 +316,7 @@ def test_the_node_has_each_option_and_is_unlocked_by_its_service(world):
     q = np.array(robot.home)
     for step, goal in enumerate((q, q, q + 0.05, q, q)):
         if step == 4:
-            answer = world.peer.call(Trigger, "/pybullet_bridge/unlock", Trigger.Request())
+            answer = world.peer.trigger("/pybullet_bridge/unlock")
             assert answer.success, answer.message
         msg = JointState(name=list(robot.joints), position=goal.tolist())
         msg.header.stamp = Time(sec=0, nanosec=step * MS)

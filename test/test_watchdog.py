@@ -8,7 +8,6 @@ import pytest
 from ros_processes import FRAMES, HOME, MODEL, UR5, Array, TorqueArm, values
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from std_srvs.srv import Trigger
 
 from eulerparams_control.control.judge import AT_REST
 from eulerparams_control.control.watch import Watch, WatchMode
@@ -186,7 +185,7 @@ def test_the_node_brakes_when_its_controller_is_killed_and_resumes_when_it_is_to
     np.testing.assert_allclose(efforts(driven[-1]), MODEL.dynamic_state(arm.q, 0 * arm.q).g)
 
     def resumed() -> bool:
-        return bool(peer.call(Trigger, "/watchdog/resume", Trigger.Request()).success)
+        return bool(peer.trigger("/watchdog/resume").success)
 
     assert not resumed()
     world.start("dynamic_control", {**FRAMES, "use_sim_time": True})

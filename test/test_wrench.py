@@ -197,7 +197,6 @@ def test_a_dead_band_shortens_force_and_moment_each_by_its_own_width_to_nothing_
 
 
 # --- low-pass -----------------------------------------------------------------------------------
-
 LOAD = np.array([3.0, -1.0, 2.0, 0.3, 0.2, -0.1])
 
 

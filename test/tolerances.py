@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 # --- rounding -------------------------------------------------------------------------
-
 # Relative error of a value that is computed without cancellation: 20 roundings of 2.2e-16.
 RELATIVE = 5e-15
 # R -> xyzw -> R: some ten roundings, and the angle of two rotations that are 1e-16 apart.
@@ -36,7 +35,6 @@ ASIN = MODES = 1e-7
 ETA_NEAR_PI = 1e-3
 
 # --- differences ----------------------------------------------------------------------
-
 # Step of the central differences: truncation h^2 f'''/6 (2e-13) and rounding 1e-16/h (1e-10) are
 # both far below DIFFERENCES, the floor where derivatives of order 10 occur.
 STEP, DIFFERENCES = 1e-6, 1e-8
@@ -65,7 +63,6 @@ IMPEDANCE_EQUATION = 1e-7
 COMPLIANT_RATES = 2e-5
 
 # --- properties, not rounding ---------------------------------------------------------
-
 # A singular T or L that rounding keeps from being exactly singular has an inverse beyond this.
 UNBOUNDED = 1e10
 # Two velocities that differ by a property differ by more (gains and velocities of order 1).
@@ -76,7 +73,6 @@ AXES_OF_4_DIGITS = 1e-4
 BEYOND_A_STEP = 1.3
 
 # --- integration: steps of 1 ms unless said -------------------------------------------
-
 # Closed loops of gain k = 10, of the first error: the explicit step leaves k dt / (2 e) = 2e-3,
 # and the curvature of the joint motion as much again.
 CLOSED_LOOP = 5e-3
@@ -103,7 +99,6 @@ FAST_MODES = 1e-3
 BETWEEN_POINTS, RAMPED = 1e-9, 1e-7
 
 # --- contact and nodes ----------------------------------------------------------------
-
 # What a spring of 1000 N/m exerts on a wall of 2e4 N/m after 10 s [N]; a pose at rest after it.
 FORCE_IN_CONTACT = 1e-3
 # The law (28) at 100 / s in steps of 10 ms: what is left of an error at rest; it decays by half
