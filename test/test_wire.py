@@ -74,7 +74,7 @@ def said(read: Any, joints: JointStateReader, data: bytes) -> list[Any]:
     try:
         msg = read(data)
         found += [ns_from_ros(msg.header.stamp), msg.header.frame_id]
-        if hasattr(msg, "wrench"):
+        if getattr(msg, "name", None) is None:
             return [*found, wrench_from_ros(msg, msg.header.frame_id).tolist()]
         found += [list(msg.name), joints.concerns(msg)]
         t, q, dq = joints.from_ros(msg)

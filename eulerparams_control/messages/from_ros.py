@@ -7,13 +7,15 @@ message may not contain is refused here with InvalidMessageError.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from operator import itemgetter
 from typing import Any, ClassVar
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError
 from eulerparams_control.laws.rotations import Array, EulerParameters
+from eulerparams_control.messages.wire import STAMP, AtBytes
 from eulerparams_control.motion.frames import DesiredFrame, Placement
 from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import MAX_POINTS, Trajectory
@@ -150,6 +152,8 @@ class JointStateReader(_JointReader):
     def __init__(self, joints: Sequence[str], needs_velocity: bool = False) -> None:
         super().__init__(joints, "joint_states")
         self._needs_velocity = needs_velocity
+        self._known: Any = None  # layout of the last valid message, and what picks the joints of it
+        self._picked: Callable[[tuple[float, ...]], tuple[float, ...]] = tuple
 
     def from_ros(self, msg: Any) -> tuple[int, Array, Array]:
         """Return the stamp [ns], q (n,) and dq (n,); dq is 0 where the message has none.
@@ -158,6 +162,13 @@ class JointStateReader(_JointReader):
             InvalidMessageError: if a joint is missing, sizes differ, a value is not finite, or
                 velocities are needed and not there.
         """
+        is_at_bytes = type(msg) is AtBytes
+        if is_at_bytes and msg.known is self._known:
+            picked, n = self._picked(msg.numbers), len(self._joints)
+            if sum(map(abs, picked)) <= LARGEST:
+                self.has_velocity, (sec, nanosec) = True, msg.stamp
+                return sec * 1_000_000_000 + nanosec, np.array(picked[:n]), np.array(picked[n:])
+        self._known = None
         if msg.name != self.names:
             self._match(msg)
         q = self._pick(msg.position, msg, "position")
@@ -171,6 +182,10 @@ class JointStateReader(_JointReader):
                 "efforts need the measured ones: let the driver of the robot publish them"
             )
         speeds = self._pick(dq, msg, "velocity") if self.has_velocity else np.zeros(len(q))
+        if is_at_bytes and self.has_velocity:
+            firsts = STAMP, STAMP + len(msg.name)  # of positions and velocities
+            self._picked = itemgetter(*(first + i for first in firsts for i in index))
+            self._known = msg.known
         return ns_from_ros(msg.header.stamp), q, speeds
 
     def effort_from_ros(self, msg: Any) -> Array | None:
@@ -330,8 +345,12 @@ def wrench_from_ros(msg: Any, frame_id: str) -> Array:
         raise InvalidMessageError(
             f"the wrench is in the frame '{shown(msg.header.frame_id)}'; expected '{frame_id}'"
         )
-    force, torque = msg.wrench.force, msg.wrench.torque
-    wrench = [force.x, force.y, force.z, torque.x, torque.y, torque.z]
+    wrench: Sequence[float]
+    if type(msg) is AtBytes:
+        wrench = msg.numbers[STAMP:]
+    else:
+        force, torque = msg.wrench.force, msg.wrench.torque
+        wrench = [force.x, force.y, force.z, torque.x, torque.y, torque.z]
     if not sum(map(abs, wrench)) <= LARGEST and not _are_possible(wrench):
-        raise InvalidMessageError(f"the wrench has a {_fault(wrench)} value: {wrench}")
+        raise InvalidMessageError(f"the wrench has a {_fault(wrench)} value: {[*wrench]}")
     return np.array(wrench)

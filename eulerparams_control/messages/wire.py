@@ -164,12 +164,55 @@ _LONGEST = 2**12  # bytes of a message whose layout is learnt: dozens of joints
 # Parts of messages, by the names that they have in the messages of rclpy.
 Stamp = namedtuple("Stamp", "sec nanosec")
 _Header = namedtuple("_Header", "stamp frame_id")
-_JointState = namedtuple("_JointState", "header name position velocity effort")
-_WrenchStamped = namedtuple("_WrenchStamped", "header wrench")
 _Wrench = namedtuple("_Wrench", "force torque")
 _Vector3 = namedtuple("_Vector3", "x y z")
 
-_stamp = struct.Struct("<iI")
+STAMP = 2
+"""Numbers of a message that are its stamp, the first ones."""
+
+_CODES = {"i4": "i", "u4": "I", "f8": "d"}  # of struct
+
+
+class AtBytes(NamedTuple):
+    """A message of a known layout, with the fields that it has in rclpy.
+
+    Attributes:
+        stamp: of its header.
+        name: of its joints; None if it has none.
+        numbers: all of them, in their order, the stamp first.
+        known: its layout.
+    """
+
+    stamp: Stamp
+    name: list[str] | None
+    numbers: tuple[float, ...]
+    known: "_Known"
+
+    @property
+    def header(self) -> Any:
+        """The header."""
+        return _Header(self.stamp, self.known.frame_id)
+
+    @property
+    def position(self) -> tuple[float, ...]:
+        """Positions of the joints [rad or m]."""
+        return self.numbers[self.known.parts["position"]]
+
+    @property
+    def velocity(self) -> tuple[float, ...]:
+        """Velocities of the joints [rad/s or m/s]."""
+        return self.numbers[self.known.parts["velocity"]]
+
+    @property
+    def effort(self) -> tuple[float, ...]:
+        """Efforts of the joints [Nm or N]."""
+        return self.numbers[self.known.parts["effort"]]
+
+    @property
+    def wrench(self) -> Any:
+        """Force [N] and moment [Nm]."""
+        w = self.numbers[STAMP:]
+        return _Wrench(_Vector3(*w[:3]), _Vector3(*w[3:]))
 
 
 class _Known:
@@ -179,21 +222,21 @@ class _Known:
         self.end = layout.end
         self.mask = int.from_bytes((layout.fixed[: self.end] * np.uint8(255)).tobytes(), "little")
         self.common = int.from_bytes(data[: self.end], "little") & self.mask
-        self._frame_id, self._name = msg.header.frame_id, getattr(msg, "name", None)
-        self._numbers = [
-            (struct.Struct(f"<{count}d").unpack_from, at)
-            for at, kind, count in layout.numbers.values()
-            if kind == "f8"
-        ]
+        self.frame_id, self._name = msg.header.frame_id, getattr(msg, "name", None)
+        self.parts: dict[str, slice] = {}
+        codes, end, first = "<", 0, 0
+        for path, (at, kind, count) in layout.numbers.items():
+            length = 1 if count is None else count
+            codes += f"{at - end}x{length}{_CODES[kind]}" if length else ""
+            end = at + length * int(kind[1]) if length else end
+            self.parts[path], first = slice(first, first + length), first + length
+        self._unpack = struct.Struct(codes).unpack_from
 
-    def message(self, data: bytes) -> Any:
+    def message(self, data: bytes) -> AtBytes:
         """Return what a message of this layout says."""
-        header = _Header(Stamp(*_stamp.unpack_from(data, _HEAD)), self._frame_id)
-        numbers = [unpack(data, at) for unpack, at in self._numbers]
-        if self._name is not None:
-            return _JointState(header, self._name, *numbers)
-        (w,) = numbers
-        return _WrenchStamped(header, _Wrench(_Vector3(*w[:3]), _Vector3(*w[3:])))
+        numbers, new = self._unpack(data), tuple.__new__  # without a call of Python
+        stamp = new(Stamp, numbers[:STAMP])
+        return new(AtBytes, (stamp, self._name, numbers, self))
 
 
 class Reader:

@@ -46,9 +46,7 @@ class ImpedanceControlNode(ControlNode):
 
     def _subscribe(self) -> None:
         p = self._params
-        self._sensor = WrenchInput(
-            self.get_clock(), p.wrench_pairing, p.wrench_timeout, p.max_latency
-        )
+        self._sensor = WrenchInput(self._time, p.wrench_pairing, p.wrench_timeout, p.max_latency)
         self._contact = RestingContact(p.tare_samples)
         self._placements: dict[str, Placement] = {}
         self._pressing = TargetWrench(self._input)

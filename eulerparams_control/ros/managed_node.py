@@ -43,6 +43,7 @@ from eulerparams_control.ros.guards import (
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.qos import QOS_OVERRIDES, QOS_STREAM
 from eulerparams_control.ros.real_time import claim
+from eulerparams_control.ros.ros_time import RosTime
 from eulerparams_control.ros.state_input import StateInput
 
 
@@ -63,7 +64,8 @@ class ManagedNode(LifecycleNode):
         self._loaded: set[str] = set()  # the orientations whose laws are
         self._controller: Controller | None = None
         self._description = self._params.robot_description
-        self._input = StateInput(self.get_clock())
+        self._time = RosTime(self)
+        self._input = StateInput(self._time)
         self._stamp = Time()  # of the last command
         self._autostart = self._params.autostart
         self._ending = Ending(self._is_followed, self._release)
@@ -120,7 +122,7 @@ class ManagedNode(LifecycleNode):
     @property
     def is_simulated(self) -> bool:
         """Whether time is simulated, so that the stamps count."""
-        return bool(self.get_clock().ros_time_is_active)
+        return self._time.ros_time_is_active
 
     def _on_change(self, _old: Any, new: Any) -> None:
         """Apply parameters that were changed while running, between two ticks."""

@@ -5,12 +5,13 @@ from statistics import quantiles
 from typing import Any
 
 import numpy as np
-from rclpy.clock import Clock
 
 from eulerparams_control.control.clock import steady
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.messages.from_ros import JointStateReader
+from eulerparams_control.messages.wire import AtBytes
 from eulerparams_control.robot.robot import Robot
+from eulerparams_control.ros.ros_time import RosTime
 
 # joint_states that came within this time [s] at least are fresh.
 _FRESH = 0.1
@@ -48,7 +49,7 @@ class StateInput:
         answers: how many states were answered between the last two readings.
     """
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: RosTime) -> None:
         self._clock = clock
         self._reader: JointStateReader | None = None
         self.came = 0.0
@@ -95,7 +96,8 @@ class StateInput:
         if max(map(abs, dq.tolist())) > MOVES:
             self._moved = t
         self.repeats = last is not None and t == last[0] and np.array_equal(q, last[1])
-        self.unanswered, self._last = msg.header.stamp, msg
+        self.unanswered = msg.stamp if type(msg) is AtBytes else msg.header.stamp
+        self._last = msg
         self._count += 1
         if self.came:
             self._longest = max(self._longest, now - self.came)

@@ -4,7 +4,6 @@ import math
 from typing import Any
 
 import numpy as np
-from rclpy.clock import Clock
 
 from eulerparams_control.control.clock import Latency, steady
 from eulerparams_control.control.mode import Cause, Why
@@ -15,6 +14,7 @@ from eulerparams_control.laws.wrench import SensedWrench, StuckSensor
 from eulerparams_control.messages.from_ros import ns_from_ros, wrench_from_ros
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.common import LATEST
+from eulerparams_control.ros.ros_time import RosTime
 
 STUCK = Why(
     Cause.WRENCH_STUCK,
@@ -46,7 +46,7 @@ class WrenchInput:
         repeats: whether the last message said the same as the one before, stamp included.
     """
 
-    def __init__(self, clock: Clock, pairing: str, timeout: float, max_latency: float) -> None:
+    def __init__(self, clock: RosTime, pairing: str, timeout: float, max_latency: float) -> None:
         self._clock, self._pairing, self._timeout = clock, pairing, timeout
         self._latency = Latency(max_latency)
         self.forget()
