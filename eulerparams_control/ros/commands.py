@@ -1,6 +1,7 @@
 """The joint command as a message: the types that ros2_control's controllers take."""
 
 from collections.abc import Callable, Sequence
+from operator import itemgetter
 from typing import Any, Protocol
 
 from builtin_interfaces.msg import Time
@@ -23,16 +24,31 @@ from eulerparams_control.ros.qos import QOS_STREAM
 HORIZON = 0.02
 
 
-def _ahead(c: JointCommand) -> Array | None:
-    return None if c.q is None or c.dq is None else c.q + HORIZON * c.dq
+Numbers = Callable[[JointCommand], Sequence[Array]]
+"""Returns what of a command is written into a message."""
 
 
-_NUMBERS: dict[str, Callable[[JointCommand], dict[str, Array | None]]] = {
-    "joint_state": lambda c: {"position": c.q, "velocity": c.dq, "effort": c.effort},
-    "joint_trajectory": lambda c: {"positions": _ahead(c)},
-    "forward": lambda c: {"data": c.q if c.effort is None else c.effort},
-}
-"""Fields of a command in the messages of a type."""
+def _parts(*places: int) -> Numbers:
+    """Return what takes the parts of a command that have these places in it."""
+    one = itemgetter(slice(places[0], places[0] + 1))
+    return itemgetter(*places) if len(places) > 1 else one  # without a call of Python
+
+
+def _ahead(c: JointCommand) -> list[Array]:
+    q, dq, *_ = c
+    return [] if q is None or dq is None else [q + HORIZON * dq]
+
+
+def _numbers(kind: str, c: JointCommand) -> tuple[list[str], Numbers] | None:
+    """Return the fields of commands like this one in messages of a type; None: it has none."""
+    q, dq, effort, _ = given = [part is not None for part in c]
+    if kind == "joint_trajectory":
+        return (["positions"], _ahead) if q and dq else None
+    if kind == "forward":
+        return (["data"], _parts(2 if effort else 0)) if q or effort else None
+    names = {name: i for i, name in enumerate(("position", "velocity", "effort")) if given[i]}
+    return ([*names], _parts(*names.values())) if names else None
+
 
 _OF_A_FRAME = "p_d", "eps", "eta", "dp_d", "omega_d", "ddp_d", "domega_d"
 
@@ -82,24 +98,34 @@ class CommandPublisher:
             "forward": Float64MultiArray(),
         }[kind]
         self._owner: Any = point if kind == "joint_trajectory" else self._message
-        self._parts = _NUMBERS[kind]
-        self._names: list[str] = []
+        self._kind = kind
+        self._lacks: tuple[bool, ...] = ()  # what commands like the last one have not
+        self._way: tuple[Template, Numbers] | None = None  # of such commands into a message
         self._publisher = node.create_publisher(type(self._message), topic, qos)
 
     def publish(self, stamp: Any, command: JointCommand) -> None:
         """Publish a command under the stamp of the joint_states that it answers."""
-        parts = self._parts(command)
-        numbers = {name: values for name, values in parts.items() if values is not None}
-        if not numbers:
-            return
-        if self._names != [*numbers]:
-            self._names = [*numbers]
-            for name, values in parts.items():
-                setattr(self._owner, name, [] if values is None else values.tolist())
-            data, kind = serialize_message(self._message), type(self._message).__name__
-            self._template = Template(kind, data, self._names)
-        stamp = stamp if self._is_stamped else None
-        self._publisher.publish(self._template.filled(stamp, numbers.values()))
+        q, dq, effort, _ = command
+        lacks = q is None, dq is None, effort is None
+        if lacks != self._lacks:
+            self._lacks, self._way = lacks, self._way_of(command)
+        if self._way is not None:
+            template, numbers = self._way
+            stamp = stamp if self._is_stamped else None
+            self._publisher.publish(template.filled(stamp, numbers(command)))
+
+    def _way_of(self, command: JointCommand) -> tuple[Template, Numbers] | None:
+        """Return the way of commands like this one into a message; None: they have none."""
+        found = _numbers(self._kind, command)
+        if found is None:
+            return None
+        names, numbers = found
+        for name in ("position", "velocity", "effort") if self._is_stamped else ():
+            setattr(self._owner, name, [])
+        for name, values in zip(names, numbers(command), strict=True):
+            setattr(self._owner, name, values.tolist())
+        kind = type(self._message).__name__
+        return Template(kind, serialize_message(self._message), names), numbers
 
     @property
     def topic(self) -> str:
