@@ -1,9 +1,9 @@
 """Analysing a bag against reading it with mcap alone, in one run; and the memory that it takes.
 
-    python benchmarks/bench_analyze.py [SECONDS]
+    python benchmarks/bench_analyze.py [SECONDS...]
 
 The bag is one of impedance control at 1 kHz: joint_states, wrench, compliant_frame, joint_effort,
-1 MB for each second.  SECONDS is 60 for `make bench`; 3600 makes 3.7 GB.
+1 MB for each second.  SECONDS are 60 and 240 for `make bench`; 3600 makes 3.7 GB.
 """
 
 import math
@@ -96,23 +96,28 @@ def write_bag(folder: Path, seconds: int) -> None:
                 bag.write(name, messages[name].at(stamp, mean + swing * w), stamp, stamp)
 
 
-def analyze(quick: bool, seconds: int = 60) -> Iterator[Row]:
-    """Yield the analysis of a bag of so many seconds, the best of each of some rounds in turn."""
-    with tempfile.TemporaryDirectory() as folder:
-        bag, page = Path(folder) / "bag", Path(folder) / "page.html"
-        write_bag(bag, seconds)
-        size = sum(file.stat().st_size for file in bag.iterdir()) / 1e6
-        command = [sys.executable, "-m", "eulerparams_control.analysis.main"]
-        rounds = [
-            (_took(sys.executable, "-c", _READ, str(bag)),
-             _took(*command, str(bag), "--out", str(page)))
-            for _ in range(1 if quick or seconds > 60 else 3)
-        ]  # fmt: skip
-        reads, pages = zip(*rounds, strict=True)
-        read, analyzed = (size / min(t for t, _ in each) for each in (reads, pages))
-        memory = max(memory for _, memory in pages)
-        figure = f"{analyzed:.0f} / {read:.0f} MB/s; {memory:.0f} MB of memory"
-        yield Row("analyze, MB/s / mcap alone", f"{size:.0f} MB", analyzed / read, figure)
+def analyze(quick: bool, *seconds: int) -> Iterator[Row]:
+    """Yield the analysis of bags of so many seconds, the best of each of some rounds in turn.
+
+    A second or so is the same for any bag: libraries, laws, the page.
+    """
+    for length in seconds or ((60,) if quick else (60, 240)):
+        with tempfile.TemporaryDirectory() as folder:
+            yield _of_bag(Path(folder), length, 1 if quick or length > 300 else 3)
+
+
+def _of_bag(folder: Path, seconds: int, rounds: int) -> Row:
+    bag, page = folder / "bag", folder / "page.html"
+    write_bag(bag, seconds)
+    size = sum(file.stat().st_size for file in bag.iterdir()) / 1e6
+    reading = sys.executable, "-c", _READ, str(bag)
+    analyzing = sys.executable, "-m", "eulerparams_control.analysis.main", str(bag)
+    took = [(_took(*reading), _took(*analyzing, "--out", str(page))) for _ in range(rounds)]
+    reads, pages = zip(*took, strict=True)
+    read, analyzed = (size / min(t for t, _ in each) for each in (reads, pages))
+    memory = max(memory for _, memory in pages)
+    figure = f"{analyzed:.0f} / {read:.0f} MB/s; {memory:.0f} MB of memory"
+    return Row("analyze, MB/s / mcap alone", f"{size:.0f} MB", analyzed / read, figure)
 
 
 def _took(*command: str) -> tuple[float, float]:

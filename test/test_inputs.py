@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rclpy.serialization import deserialize_message, serialize_message
 from ros_processes import FRAMES, HOME, TICK, UR5, Controlled, assert_holds, pose, reference, values
 from samples import about
 from sensor_msgs.msg import JointState
@@ -23,6 +24,7 @@ from eulerparams_control.errors import InvalidMessageError, RobotError
 from eulerparams_control.laws.rotations import angle_between
 from eulerparams_control.messages.from_ros import JointStateReader
 from eulerparams_control.messages.to_ros import pose_to_ros, stamp_to_ros
+from eulerparams_control.messages.wire import Reader
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.state_input import StateInput
@@ -317,12 +319,13 @@ def test_an_arm_that_moves_is_not_activated_until_it_is_at_rest(world, executabl
 
 
 def test_efforts_that_brake_an_arm_are_not_taken_for_those_that_bear_it():
-    states, found = StateInput(RealTime()), []
+    read = Reader("JointState", lambda data: deserialize_message(data, JointState)).read
+    states, found = StateInput(RealTime(), SimpleNamespace(reader=lambda *_: read)), []
     states.expect(MODEL, needs_velocity=True)
     for step, speed in enumerate([0.0, 0.06, *[0.0] * 12]):
         msg = JointState(name=MODEL.joints, position=HOME, velocity=[0.0, speed] + 4 * [0.0])
         msg.header.stamp, msg.effort = stamp_to_ros(step * 10_000_000), 6 * [7.0]
-        states.take(msg)
+        states.take(serialize_message(msg))
         found.append(states.efforts is not None)
     assert found == [True, *[False] * 10, True, True, True]
 

@@ -22,7 +22,7 @@ from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.messages.from_ros import JointStateReader, ns_from_ros, wrench_from_ros
 from eulerparams_control.messages.keys import DESERIALISED
 from eulerparams_control.messages.to_ros import duration_to_ros, motion_to_ros
-from eulerparams_control.messages.wire import Reader, Template
+from eulerparams_control.messages.wire import Reader, Template, stamp_of
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.ros.commands import HORIZON, CommandPublisher, ComplianceCommands
@@ -95,6 +95,9 @@ def test_bytes_say_what_rclpy_finds_in_them(kind, drawn, needs_velocity):
     read = Reader(kind.__name__, plain).read
     one, other = (JointStateReader(JOINTS, needs_velocity) for _ in range(2))
     for data in drawn.draw(rows(kind)):
+        if (found := one.from_bytes(data)) is not None:  # it is like the last valid one
+            assert repr(found) == repr(other.from_ros(plain(data)))
+            assert stamp_of(data) == (found[0] // 10**9, found[0] % 10**9) or found[0] < 0
         assert repr(said(read, one, data)) == repr(said(plain, other, data))
 
 

@@ -50,12 +50,15 @@ Row = Annotated[Array, "float64", 1, "C", False]
 Rows = Annotated[Array, "float64", 2, "C", False]
 Input = Annotated[Array, "float64", 1, "A", True]
 Inputs = Annotated[Array, "float64", 2, "A", True]
+Bytes = Annotated[NDArray[np.uint8], "uint8", 1, "C", True]
+Places = Annotated[NDArray[np.int64], "int64", 2, "C", True]
 
 NONE: Array = np.empty(0)
 """Placeholder for a row that is not there."""
 
-# Rooms whose files have formulas: where one changes, all is compiled again.
-_ROOMS = tuple(Path(__file__).parents[1] / room for room in ("laws", "robot", "motion", "control"))
+# Where formulas are: where a file changes, all is compiled again.
+_NAMES = "laws", "robot", "motion", "control", "messages/joint_bytes.py"
+_ROOMS = tuple(Path(__file__).parents[1] / room for room in _NAMES)
 _KEPT = 14 * 86400.0  # [s] that what is compiled for a state of these files stays unused
 
 if IS_COMPILED:
@@ -538,7 +541,8 @@ def _say_once() -> None:
 
 def fingerprint() -> str:
     """Return what changes with the contents of the files that have formulas."""
-    files = sorted(file for room in _ROOMS for file in room.rglob("*.py"))
+    found = (file for room in _ROOMS for file in (room, *room.rglob("*.py")))
+    files = sorted(file for file in found if file.is_file())
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
 
 

@@ -7,14 +7,14 @@ message may not contain is refused here with InvalidMessageError.
 """
 
 import math
-from collections.abc import Callable, Sequence
-from operator import itemgetter
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError
 from eulerparams_control.laws.rotations import Array, EulerParameters
+from eulerparams_control.messages.joint_bytes import NOT_READ, JointsAt, read_joints
 from eulerparams_control.messages.wire import STAMP, AtBytes
 from eulerparams_control.motion.frames import DesiredFrame, Placement
 from eulerparams_control.motion.references import SetPoint
@@ -152,8 +152,7 @@ class JointStateReader(_JointReader):
     def __init__(self, joints: Sequence[str], needs_velocity: bool = False) -> None:
         super().__init__(joints, "joint_states")
         self._needs_velocity = needs_velocity
-        self._known: Any = None  # layout of the last valid message, and what picks the joints of it
-        self._picked: Callable[[tuple[float, ...]], tuple[float, ...]] = tuple
+        self._at: JointsAt | None = None  # in messages of the layout of the last valid one
 
     def from_ros(self, msg: Any) -> tuple[int, Array, Array]:
         """Return the stamp [ns], q (n,) and dq (n,); dq is 0 where the message has none.
@@ -162,13 +161,7 @@ class JointStateReader(_JointReader):
             InvalidMessageError: if a joint is missing, sizes differ, a value is not finite, or
                 velocities are needed and not there.
         """
-        is_at_bytes = type(msg) is AtBytes
-        if is_at_bytes and msg.known is self._known:
-            picked, n = self._picked(msg.numbers), len(self._joints)
-            if sum(map(abs, picked)) <= LARGEST:
-                self.has_velocity, (sec, nanosec) = True, msg.stamp
-                return sec * 1_000_000_000 + nanosec, np.array(picked[:n]), np.array(picked[n:])
-        self._known = None
+        self._at = None
         if msg.name != self.names:
             self._match(msg)
         q = self._pick(msg.position, msg, "position")
@@ -182,11 +175,18 @@ class JointStateReader(_JointReader):
                 "efforts need the measured ones: let the driver of the robot publish them"
             )
         speeds = self._pick(dq, msg, "velocity") if self.has_velocity else np.zeros(len(q))
-        if is_at_bytes and self.has_velocity:
-            firsts = STAMP, STAMP + len(msg.name)  # of positions and velocities
-            self._picked = itemgetter(*(first + i for first in firsts for i in index))
-            self._known = msg.known
+        if type(msg) is AtBytes and self.has_velocity:
+            self._at = msg.known.joints(index)
         return ns_from_ros(msg.header.stamp), q, speeds
+
+    def from_bytes(self, data: bytes) -> tuple[int, Array, Array] | None:
+        """Return the same of a message like the last valid one; None if it is not like that."""
+        if self._at is None:
+            return None
+        n = len(self._joints)
+        q, dq = np.empty(n), np.empty(n)
+        t = read_joints(np.frombuffer(data, np.uint8), *self._at, LARGEST, q, dq)
+        return None if t == NOT_READ else (t, q, dq)
 
     def effort_from_ros(self, msg: Any) -> Array | None:
         """Return the efforts (n,) of a message; None where it has none that can be used."""

@@ -3,11 +3,12 @@
 Messages whose strings and lengths of sequences agree have the same layout, so that one of them
 shows where each number of all of them is.  What comes in a layout that is known is read by offset;
 any other goes the plain way, deserialised as a whole, and its layout is known from then on.
+The joints of a controller are read in one compiled call, see ``joint_bytes``.
 """
 
 import struct
 from collections import namedtuple
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.laws.rotations import Array
+from eulerparams_control.messages.joint_bytes import JointsAt
 
 NUMBERS = {
     "bool": "u1", "byte": "u1", "char": "u1", "uint8": "u1", "int8": "i1",
@@ -77,8 +79,8 @@ class Walk:
         return self._layout
 
     def _fields(self, name: str, prefix: str) -> None:
-        for entry in self._types[name]:
-            self._field(entry, prefix + entry.name)
+        for each in self._types[name]:
+            self._field(each, prefix + each.name)
 
     def _field(self, entry: Field, path: str) -> None:
         count = self._length() if entry.length == 0 else entry.length
@@ -170,28 +172,31 @@ _Vector3 = namedtuple("_Vector3", "x y z")
 STAMP = 2
 """Numbers of a message that are its stamp, the first ones."""
 
+_stamp = struct.Struct("<iI")
+
 _CODES = {"i4": "i", "u4": "I", "f8": "d"}  # of struct
+
+
+def stamp_of(data: bytes) -> Stamp:
+    """Return the stamp of a message of a known layout."""
+    stamp: Stamp = tuple.__new__(Stamp, _stamp.unpack_from(data, _HEAD))
+    return stamp
 
 
 class AtBytes(NamedTuple):
     """A message of a known layout, with the fields that it has in rclpy.
 
     Attributes:
-        stamp: of its header.
+        header: of the message.
         name: of its joints; None if it has none.
         numbers: all of them, in their order, the stamp first.
         known: its layout.
     """
 
-    stamp: Stamp
+    header: Any
     name: list[str] | None
     numbers: tuple[float, ...]
     known: "_Known"
-
-    @property
-    def header(self) -> Any:
-        """The header."""
-        return _Header(self.stamp, self.known.frame_id)
 
     @property
     def position(self) -> tuple[float, ...]:
@@ -222,7 +227,7 @@ class _Known:
         self.end = layout.end
         self.mask = int.from_bytes((layout.fixed[: self.end] * np.uint8(255)).tobytes(), "little")
         self.common = int.from_bytes(data[: self.end], "little") & self.mask
-        self.frame_id, self._name = msg.header.frame_id, getattr(msg, "name", None)
+        self._frame_id, self._name = msg.header.frame_id, getattr(msg, "name", None)
         self.parts: dict[str, slice] = {}
         codes, end, first = "<", 0, 0
         for path, (at, kind, count) in layout.numbers.items():
@@ -231,12 +236,21 @@ class _Known:
             end = at + length * int(kind[1]) if length else end
             self.parts[path], first = slice(first, first + length), first + length
         self._unpack = struct.Struct(codes).unpack_from
+        self._fixed = layout.fixed[: self.end] * np.uint8(255)
+        self._common = np.frombuffer(data[: self.end], np.uint8) & self._fixed
+        self._starts = {path: at for path, (at, *_) in layout.numbers.items()}
 
     def message(self, data: bytes) -> AtBytes:
         """Return what a message of this layout says."""
         numbers, new = self._unpack(data), tuple.__new__  # without a call of Python
-        stamp = new(Stamp, numbers[:STAMP])
-        return new(AtBytes, (stamp, self._name, numbers, self))
+        header = new(_Header, (new(Stamp, numbers[:STAMP]), self._frame_id))
+        return new(AtBytes, (header, self._name, numbers, self))
+
+    def joints(self, index: Sequence[int]) -> JointsAt:
+        """Return where the positions and velocities of these joints are, for ``read_joints``."""
+        starts = self._starts["position"], self._starts["velocity"]
+        places = [[start + 8 * i for i in index] for start in starts]
+        return self._fixed, self._common, np.array(places)
 
 
 class Reader:

@@ -5,7 +5,7 @@ published under the stamp of the joint_states that it answers.
 """
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -108,7 +108,6 @@ class ControlNode(ManagedNode):
     # --- messages ----------------------------------------------------------------------
 
     def _subscribe(self) -> None:
-        self._read_state = self._health.reader(JointState, self._input.concerns)
         take = self._on_joint_states
         self._states = self.listen(JointState, "joint_states", take, QOS, raw=True)
         if not self._description:
@@ -127,9 +126,8 @@ class ControlNode(ManagedNode):
             return
         was_answered = self._input.unanswered is None
         try:
-            msg = self._read_state(data)
-            if not self._input.take(msg):
-                self._say_strange(msg)
+            if strangers := self._input.take(data):
+                self._say_strange(strangers)
                 return
         except InvalidMessageError as error:
             self._health.reject("joint_states", error)
@@ -138,11 +136,11 @@ class ControlNode(ManagedNode):
             self._health.count("states dropped, waiting for what belongs to them")
         self._answer()
 
-    def _say_strange(self, msg: Any) -> None:
+    def _say_strange(self, joints: Sequence[str]) -> None:
         """Say whose joint_states come, as long as none of the arm do."""
         if self._robot is not None and self._input.measured is None:
             self._health.complain(
-                f"joint_states of {', '.join(map(shown, msg.name[:_SHOWN]))} came, but none yet of "
+                f"joint_states of {', '.join(map(shown, joints[:_SHOWN]))} came, but none yet of "
                 f"{', '.join(self._robot.joints)}",
                 about="strange joint_states",
             )

@@ -65,7 +65,7 @@ class ManagedNode(LifecycleNode):
         self._controller: Controller | None = None
         self._description = self._params.robot_description
         self._time = RosTime(self)
-        self._input = StateInput(self._time)
+        self._input = StateInput(self._time, self._health)
         self._stamp = Time()  # of the last command
         self._autostart = self._params.autostart
         self._ending = Ending(self._is_followed, self._release)

@@ -1,16 +1,19 @@
 """The newest joint_states: read, aged, counted, and answered once."""
 
 from collections import deque
+from collections.abc import Sequence
 from statistics import quantiles
 from typing import Any
 
 import numpy as np
+from sensor_msgs.msg import JointState
 
 from eulerparams_control.control.clock import steady
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.messages.from_ros import JointStateReader
-from eulerparams_control.messages.wire import AtBytes
+from eulerparams_control.messages.wire import stamp_of
 from eulerparams_control.robot.robot import Robot
+from eulerparams_control.ros.diagnostics import Health
 from eulerparams_control.ros.ros_time import RosTime
 
 # joint_states that came within this time [s] at least are fresh.
@@ -49,8 +52,8 @@ class StateInput:
         answers: how many states were answered between the last two readings.
     """
 
-    def __init__(self, clock: RosTime) -> None:
-        self._clock = clock
+    def __init__(self, clock: RosTime, health: Health) -> None:
+        self._clock, self._read = clock, health.reader(JointState, self.concerns)
         self._reader: JointStateReader | None = None
         self.came = 0.0
         self.receipt: float | None = None
@@ -70,7 +73,7 @@ class StateInput:
     def forget(self) -> None:
         """Forget the last state."""
         self.measured: tuple[int, Array, Array] | None = None
-        self._last: Any = None
+        self._last = b""  # the message
         self._moved: int | None = None  # stamp [ns] of the last one that moved
         self.unanswered: Any = None
         self.is_commanded = self.repeats = False
@@ -80,24 +83,32 @@ class StateInput:
     @property
     def efforts(self) -> Array | None:
         """Efforts (n,) [Nm] of the last valid joint_states; None if they may brake the arm."""
-        if self._last is None or self._reader is None or self.measured is None:
+        if self._reader is None or self.measured is None:
             return None
         if self._moved is not None and 0 <= self.measured[0] - self._moved < _CALM * 1e9:
             return None
-        return self._reader.effort_from_ros(self._last)
+        return self._reader.effort_from_ros(self._read(self._last))
 
-    def take(self, msg: Any) -> bool:
-        """Take a message; return whether it is one of the arm; raises InvalidMessageError."""
+    def take(self, data: bytes) -> Sequence[str]:
+        """Take a message at its bytes; raises InvalidMessageError.
+
+        Returns:
+            The joints in it, if none of the arm is among them; else none.
+        """
         now, last, reader = steady.now(), self.measured, self._reader
         assert reader is not None
-        if msg.name != reader.names and not reader.concerns(msg):
-            return False
-        t, q, dq = self.measured = reader.from_ros(msg)
+        if (found := reader.from_bytes(data)) is not None:
+            self.unanswered = stamp_of(data)
+        else:
+            msg = self._read(data)
+            if not reader.concerns(msg):
+                return list(msg.name)
+            found, self.unanswered = reader.from_ros(msg), msg.header.stamp
+        t, q, dq = self.measured = found
         if max(map(abs, dq.tolist())) > MOVES:
             self._moved = t
         self.repeats = last is not None and t == last[0] and np.array_equal(q, last[1])
-        self.unanswered = msg.stamp if type(msg) is AtBytes else msg.header.stamp
-        self._last = msg
+        self._last = data
         self._count += 1
         if self.came:
             self._longest = max(self._longest, now - self.came)
@@ -105,7 +116,7 @@ class StateInput:
             self._mark(t, q)
         self._before, self.came = self.came, now
         self.receipt = None if self._clock.ros_time_is_active else now
-        return True
+        return ()
 
     def _mark(self, t: int, q: Array) -> None:
         """Remember positions q (n,) stamped t [ns] from time to time."""

@@ -1,0 +1,44 @@
+"""Positions and velocities of joints in the bytes of a JointState, read in one compiled call."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eulerparams_control.laws.compiled import Bytes, Places, Row, entry
+
+JointsAt = tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.int64]]
+"""Which bytes of a layout are fixed, what they are, and where its numbers begin."""
+
+_STAMP = 4  # where it begins
+
+NOT_READ = -(2**63)
+"""Instead of a stamp."""
+
+
+@entry
+def read_joints(
+    data: Bytes, fixed: Bytes, common: Bytes, places: Places, most: float, q: Row, dq: Row
+) -> int:
+    """Read positions and velocities from a JointState at its bytes; return its stamp [ns].
+
+    NOT_READ, if it has another layout, or a value is not finite or larger than ``most``.
+
+    Args:
+        data: the message.
+        fixed, common: which bytes are the same in all messages of the layout, and these.
+        places: (2, n) where the positions and the velocities begin.
+        most: [rad, m, rad/s or m/s].
+        q, dq: (n,) are filled.
+    """
+    if len(data) < len(fixed):
+        return NOT_READ
+    for i in range(len(fixed)):
+        if data[i] & fixed[i] != common[i]:
+            return NOT_READ
+    for i in range(len(q)):
+        at, then = places[0, i], places[1, i]
+        q[i] = data[at : at + 8].view(np.float64)[0]
+        dq[i] = data[then : then + 8].view(np.float64)[0]
+        if not (abs(q[i]) <= most and abs(dq[i]) <= most):
+            return NOT_READ
+    seconds = data[_STAMP : _STAMP + 4].view(np.int32)[0]
+    return int(seconds) * 1_000_000_000 + int(data[_STAMP + 4 : _STAMP + 8].view(np.uint32)[0])
