@@ -174,10 +174,11 @@ class BridgeNode(Node):
         stamp = Stamp(*divmod(stamp_ns, 1_000_000_000))
         if state.step % self._clock_every == 0:
             self._clock_publisher.publish(self._time.filled(stamp, ()))
-        w = state.wrench
-        if self._params.mode != LOCKSTEP:
-            w = w + self._dither[state.step % _DITHERS]
-        self._wrench_publisher.publish(self._wrench.filled(stamp, (w,)))
+        if self._wrench_publisher.get_subscription_count():
+            w = state.wrench
+            if self._params.mode != LOCKSTEP:
+                w = w + self._dither[state.step % _DITHERS]
+            self._wrench_publisher.publish(self._wrench.filled(stamp, (w,)))
         joints = state.q, state.dq, state.tau
         self._state_publisher.publish(self._states.filled(stamp, joints))
         if self._progress_every and state.step and state.step % self._progress_every == 0:
