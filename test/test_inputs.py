@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message, serialize_message
 from ros_processes import FRAMES, HOME, TICK, UR5, Controlled, assert_holds, pose, reference, values
 from samples import about
@@ -27,6 +28,7 @@ from eulerparams_control.messages.to_ros import pose_to_ros, stamp_to_ros
 from eulerparams_control.messages.wire import Reader
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame
 from eulerparams_control.robot.robot import Robot
+from eulerparams_control.ros.ros_time import RosTime
 from eulerparams_control.ros.state_input import StateInput
 from eulerparams_control.ros.wrench_input import WrenchInput
 
@@ -328,6 +330,15 @@ def test_efforts_that_brake_an_arm_are_not_taken_for_those_that_bear_it():
         states.take(serialize_message(msg))
         found.append(states.efforts is not None)
     assert found == [True, *[False] * 10, True, True, True]
+
+
+def test_whose_time_counts_is_known_also_after_it_was_changed(world):
+    node = world.peer.another_node("controller")
+    found = RosTime(node)
+    assert not found.ros_time_is_active
+    for simulated in (True, False):
+        assert node.set_parameters([Parameter("use_sim_time", value=simulated)])[0].successful
+        assert found.ros_time_is_active is simulated
 
 
 # --- the robot ------------------------------------------------------------------------------------
