@@ -20,11 +20,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_simulator import GRAVITY, HOLDING_TORQUE, MOTOR_SPEED, TORQUE, Model, random_q, robot, run
 
-from eulerparams_control.errors import ConfigurationError, UnknownNameError
+from eulerparams_control.errors import ConfigurationError, SimulationError, UnknownNameError
 from eulerparams_control.robot.catalogue import RobotDescription
 from sim_bridge.environment import read_environment
 from sim_bridge.environment.forces import SensorMotion
 from sim_bridge.environment.push import Push
+from sim_bridge.environment.springs import Spring, TorsionSpring
 from sim_bridge.parameters import SimulatorParameters
 from sim_bridge.simulator import Simulator, SimulatorState
 from sim_bridge.urdf import simulation_urdf
@@ -364,6 +365,18 @@ def test_noise_and_bias_do_not_reach_what_acts():
         run(sim, 20)
     assert quiet.engine.sample().q == noisy.engine.sample().q
     assert noisy.read().q != pytest.approx(quiet.read().q, abs=0.01)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("stiffness", [1e9, 1e100, 1e300])
+def test_a_spring_that_tears_the_robot_apart_ends_in_an_error(stiffness):
+    spring = Spring(position=(0.5, 0.1, 0.3), stiffness=stiffness, damping=1.0, point=(0, 0, 0.1))
+    turn = TorsionSpring(orientation=(0, 0, 0, 1), stiffness=stiffness)
+    sim = simulated(control="torque", enforce_limits=False, environment={"a": spring, "b": turn})
+    sim.command_effort(np.zeros(6))
+    with pytest.raises(SimulationError, match="the state of the robot is not finite after step"):
+        run(sim, 1000)
+    assert np.isfinite([*sim.read().q, *sim.read().wrench]).all()
 
 
 # --- efforts that nobody reports -----------------------------------------------------

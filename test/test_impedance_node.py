@@ -171,6 +171,12 @@ def test_with_pairing_by_stamps_each_state_is_answered_once_with_its_own_wrench(
     assert [ns_from_ros(msg.header.stamp) for msg in commands][-20:] == stamps
     assert [ns_from_ros(msg.header.stamp) for msg in arm.frames][-20:] == stamps
 
+    end = settled(arm)
+    assert_close(end.p_d - p, push[:3] / K_P, LAW_IN_A_NODE)
+    assert np.linalg.norm(pose(arm.q)[0] - end.p_d) < LAW_IN_A_NODE
+    arm.release()
+    assert angle_between(settled(arm).R_d, R) < LAW_IN_A_NODE
+
 
 def test_with_pairing_by_stamps_a_state_waits_for_its_wrench_and_is_dropped_for_the_next(paired):
     arm, (p, R) = paired.arm, pose(HOME)

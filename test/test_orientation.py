@@ -52,6 +52,7 @@ from eulerparams_control.laws.orientation import (
     SignRule,
     representation,
 )
+from eulerparams_control.laws.orientation.base import Laws
 
 COUNT = 40
 K = 2.0  # k_Po [1/s]
@@ -470,3 +471,9 @@ def test_V_2_is_zero_at_Q2_and_four_times_the_gain_at_Q1():
             # both are equilibria
             a_o = law.resolved_acceleration(x_de, REST, REST, REST, K_PO, K_VO)
             tol.assert_close(a_o, 0, tol.ALGEBRAIC * K_PO)
+
+
+def test_a_representation_without_a_resolved_acceleration_cannot_be_made():
+    laws = make("euler_parameters").laws
+    with pytest.raises(TypeError, match="acceleration"):
+        Laws(laws.displacement, laws.velocity)

@@ -328,6 +328,11 @@ def test_a_wrong_T_or_its_derivative_is_found(monkeypatch, name, wrong, left):
     assert {name for name in ("(24)", "(38)", "(50)") if found[name] > 1.0} == left
 
 
+def test_a_library_experiment_that_does_not_exist_is_refused_with_those_that_do():
+    with pytest.raises(UnknownNameError, match="unknown library experiment 'e9'; known: closed_p"):
+        run_library("e9")
+
+
 def test_a_number_that_the_library_does_not_have_is_refused():
     criterion = Criterion(number="slop", below=1.0)
     experiment = Experiment("x", "claim", (), {}, (criterion,), library="e2")
