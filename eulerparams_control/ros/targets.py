@@ -49,19 +49,28 @@ class Leaders:
 
     Args:
         node: that listens.
+        parameters: of the node.
         states: of the arm.
         target: the marker that is dragged.
         more: topics of the scheme.
+
+    Raises:
+        UnknownNameError: if a topic in paired_targets does not lead the arm.
 
     Attributes:
         paired: topics of which each state waits for the message of its stamp.
     """
 
     def __init__(
-        self, node: ManagedNode, states: StateInput, target: InteractiveTarget, more: Topics
+        self,
+        node: ManagedNode,
+        parameters: ControlParameters,
+        states: StateInput,
+        target: InteractiveTarget,
+        more: Topics,
     ) -> None:
-        self._node, self._states, self._target = node, states, target
-        self._reference_timeout = 0.0
+        self._node, self._parameters = node, parameters
+        self._states, self._target = states, target
         self._newest: dict[str, tuple[int, float]] = {}  # stamp [ns] and receipt [s] of a target
         self._topics: Topics = {
             "reference": (MultiDOFJointTrajectory, self._follow),
@@ -73,10 +82,7 @@ class Leaders:
         self._heard: dict[str, Subscription] = {}
         self._stamps: dict[str, int] = {}  # [ns] of the last message, by topic
         self.paired: tuple[str, ...] = ()
-
-    def refuse_unknown(self, topics: tuple[str, ...]) -> None:
-        """Raise UnknownNameError for the first topic that does not lead the arm."""
-        for topic in topics:
+        for topic in parameters.paired_targets:
             if topic not in self._topics:
                 raise UnknownNameError("topic in paired_targets", topic, self._topics)
 
@@ -87,7 +93,7 @@ class Leaders:
         lead: Callable[[str, Any], None],
     ) -> None:
         """Listen: ``lead`` is called with a topic and its message, to be taken."""
-        self._controller, self._reference_timeout = controller, parameters.reference_timeout
+        self._controller, self._parameters = controller, parameters
         self.paired = parameters.paired_targets
         if parameters.reference_pairing != LATEST:
             self.paired = *self.paired, "reference"
@@ -119,7 +125,7 @@ class Leaders:
     def skip(self, topic: str, msg: Any) -> bool:
         """Let a state wait no more for a refused message, as no other comes; return whether so."""
         waits = self._controller is not None and self._controller.mode is not Mode.WAITING
-        is_paired = waits and topic in self.paired and topic != "reference"
+        is_paired = waits and topic in self._parameters.paired_targets
         if is_paired:
             self._stamps[topic] = ns_from_ros(msg.header.stamp)
         return is_paired
@@ -127,7 +133,7 @@ class Leaders:
     def _follow(self, controller: Controller, msg: MultiDOFJointTrajectory) -> None:
         robot = controller.scheme.robot
         frames = robot.base_frame, robot.tip_frame
-        motion, start = motion_from_ros(msg, *frames, self._reference_timeout)
+        motion, start = motion_from_ros(msg, *frames, self._parameters.reference_timeout)
         controller.orders.follow(motion, start, self._now)
 
     def _aim(self, controller: Controller, msg: PoseStamped) -> None:
