@@ -18,10 +18,9 @@ from eulerparams_control.control.mode import Mode
 from eulerparams_control.errors import EulerParamsError
 from eulerparams_control.events import Event, tell
 from eulerparams_control.live.desk import Deed, Order
-from eulerparams_control.live.page import serve, stop
+from eulerparams_control.live.page import Notices, serve, stop
 from eulerparams_control.live.panel import LivePanel
 from eulerparams_control.live.ros.exchange import Exchange
-from eulerparams_control.live.ros.notices import Notices
 from eulerparams_control.live.ros.pilot import Pilot
 from eulerparams_control.live.ros.reports import BRIDGE, NodeReports
 from eulerparams_control.live.ros.seen_arm import SeenArm
@@ -66,7 +65,7 @@ class LiveNode(Node):
         self.done = False
         self._name, self._began, self._turned = scheme.name, steady.now(), -math.inf
         self._server = serve(host, port)
-        self._notices = Notices(self._server, self.get_logger())
+        self._notices = Notices(self._server, self.get_logger().error)
         self._exchange = Exchange(
             self,
             scheme.name,

@@ -8,9 +8,9 @@ from rclpy.node import Node
 
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.live.desk import KEPT, Deed, Desk, Order
+from eulerparams_control.live.page import Notices
 from eulerparams_control.live.panel import BASE
 from eulerparams_control.live.ros.exchange import Exchange
-from eulerparams_control.live.ros.notices import Notices
 from eulerparams_control.live.ros.reports import NodeReports
 from eulerparams_control.live.ros.seen_arm import SeenArm
 from eulerparams_control.live.ros.topics import Outlet

@@ -8,7 +8,7 @@ from rclpy.node import Node
 
 from eulerparams_control.control.clock import steady
 from eulerparams_control.control.mode import Mode
-from eulerparams_control.live.ros.notices import Notices
+from eulerparams_control.live.page import Notices
 from eulerparams_control.messages.keys import MODE
 
 BRIDGE = "pybullet_bridge"

@@ -13,8 +13,8 @@ from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.orientation.sequences import EulerSequence
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.live.geometry import Passage, passage, stiffness_of
+from eulerparams_control.live.page import Notices
 from eulerparams_control.live.ros.exchange import Exchange
-from eulerparams_control.live.ros.notices import Notices
 from eulerparams_control.live.ros.topics import Newest
 from eulerparams_control.live.view import View
 from eulerparams_control.messages.from_ros import (
