@@ -246,11 +246,10 @@ class ManagedNode(LifecycleNode):
 
     def _release(self) -> None:
         """Send the command after which none follows; not to a robot that is not heard."""
+        acting = self._controller.acting if self._controller else None
         try:
-            if self._controller is not None and self._is_followed():
-                command = self._controller.acting.last()
-                if command is not None:
-                    self._commands.publish(self._stamp, command)
+            if acting and self._is_followed() and (command := acting.last()):
+                self._commands.publish(self._stamp, command)
         except Exception as error:  # then none is safe: the robot has to brake itself
             self._health.complain(f"no last command: {defect(error)}", error=True)
         self._controller = None
