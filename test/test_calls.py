@@ -92,8 +92,8 @@ def test_a_steady_tick_of_a_controller_is_few_calls_in_few_files(name):
     [
         ("clik", 20, 13),
         ("dynamic_control", 23, 13),
-        ("compliance_control", 26, 16),
-        ("impedance_control", 33, 19),
+        ("compliance_control", 25, 15),
+        ("impedance_control", 32, 18),
     ],
 )
 def test_from_joint_states_to_the_bytes_of_the_command_are_few_calls(

@@ -42,9 +42,8 @@ class ComplianceControlNode(ControlNode):
 
     def observe(self, t: int, q: Array, dq: Array) -> None:
         """Let the tool exert what counts for the state."""
-        if self._controller is not None:
-            timeout, is_simulated = self._params.target_timeout, self._input.receipt is None
-            self._pressing.exert(self._controller, t, timeout, is_simulated=is_simulated)
+        if self._controller is not None and self._pressing.force is not None:
+            self._pressing.exert(self._controller, t, self._params.target_timeout)
 
     def review(self, controller: Controller, stamp: Any) -> None:
         """Publish the springs."""

@@ -174,10 +174,8 @@ class ImpedanceControlNode(ControlNode):
         if controller is not None:
             assert isinstance(controller.scheme, ImpedanceControl)
             controller.scheme.sense(sensed)
-            is_simulated = self._input.receipt is None
-            self._pressing.exert(
-                controller, t, self._params.target_timeout, is_simulated=is_simulated
-            )
+            if self._pressing.force is not None:
+                self._pressing.exert(controller, t, self._params.target_timeout)
         if sensed is None:
             self._contact.wrenches.clear()
         elif is_new:
