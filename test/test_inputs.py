@@ -94,6 +94,46 @@ def without_velocities(arm: Any) -> None:
     arm.message = message
 
 
+def states_of(needs_velocity: bool = False) -> Any:
+    """Return an input of states, and what lets it take one."""
+    read = Reader("JointState", lambda data: deserialize_message(data, JointState)).read
+    states = StateInput(RealTime(), SimpleNamespace(reader=lambda *_: read))
+    states.expect(MODEL, needs_velocity)
+
+    def take(t: float, q: Any, dq: Any, effort: Any = (), names: Any = MODEL.joints) -> None:
+        msg = JointState(name=names, position=list(q), velocity=list(dq), effort=list(effort))
+        msg.header.stamp = stamp_to_ros(round(t * 1e9))
+        states.take(serialize_message(msg))
+
+    return states, take
+
+
+def test_a_state_that_is_refused_does_not_make_a_moving_arm_one_at_rest():
+    states, take = states_of()
+    for k in range(20):
+        take(0.01 * k, HOME + 0.05 * k, [NAN] * 6)
+    assert "moves" in states.motion(MODEL)
+    with pytest.raises(InvalidMessageError, match="non-finite velocity"):
+        take(0.2, HOME + 1.0, [5.0] + [NAN] * 5)  # a driver that starts up joint by joint
+    assert "moves" in states.motion(MODEL)
+
+
+def test_velocities_that_are_missed_once_are_known_again_with_the_next_ones():
+    states, take = states_of(needs_velocity=True)
+    take(0.0, HOME, [0.0] * 6)
+    with pytest.raises(InvalidMessageError, match="no velocities"):
+        take(0.01, HOME, [NAN] * 6)
+    assert states.motion(MODEL) == ""
+
+
+def test_efforts_are_those_of_the_joints_of_their_own_message():
+    states, take = states_of()
+    take(0.0, HOME, [0.0] * 6, range(6))
+    with pytest.raises(InvalidMessageError, match="non-finite position"):
+        take(0.01, [NAN] * 6, [0.0] * 6, range(6), MODEL.joints[::-1])
+    assert states.efforts.tolist() == [*range(6)]
+
+
 # --- others' joints -----------------------------------------------------------------------------
 def gripper(arm: Any) -> Any:
     """Return joint_states of a gripper, of now."""
@@ -213,7 +253,7 @@ def test_a_wrench_that_repeats_itself_while_the_arm_moves_is_not_believed(world)
 class RealTime:
     """The clock of a node in real time."""
 
-    ros_time_is_active = False
+    is_simulated = False
 
 
 class Sensed:
@@ -321,13 +361,9 @@ def test_an_arm_that_moves_is_not_activated_until_it_is_at_rest(world, executabl
 
 
 def test_efforts_that_brake_an_arm_are_not_taken_for_those_that_bear_it():
-    read = Reader("JointState", lambda data: deserialize_message(data, JointState)).read
-    states, found = StateInput(RealTime(), SimpleNamespace(reader=lambda *_: read)), []
-    states.expect(MODEL, needs_velocity=True)
+    (states, take), found = states_of(needs_velocity=True), []
     for step, speed in enumerate([0.0, 0.06, *[0.0] * 12]):
-        msg = JointState(name=MODEL.joints, position=HOME, velocity=[0.0, speed] + 4 * [0.0])
-        msg.header.stamp, msg.effort = stamp_to_ros(step * 10_000_000), 6 * [7.0]
-        states.take(serialize_message(msg))
+        take(step / 100, HOME, [0.0, speed] + 4 * [0.0], 6 * [7.0])
         found.append(states.efforts is not None)
     assert found == [True, *[False] * 10, True, True, True]
 
@@ -335,10 +371,10 @@ def test_efforts_that_brake_an_arm_are_not_taken_for_those_that_bear_it():
 def test_whose_time_counts_is_known_also_after_it_was_changed(world):
     node = world.peer.another_node("controller")
     found = RosTime(node)
-    assert not found.ros_time_is_active
+    assert not found.is_simulated
     for simulated in (True, False):
         assert node.set_parameters([Parameter("use_sim_time", value=simulated)])[0].successful
-        assert found.ros_time_is_active is simulated
+        assert found.is_simulated is simulated
 
 
 # --- the robot ------------------------------------------------------------------------------------

@@ -5,6 +5,7 @@ or an image does it at once.
 """
 
 import argparse
+import importlib
 import sys
 import time
 
@@ -28,6 +29,9 @@ from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
 
+# Compiled when it is imported, by a room above this one.
+_READING = "eulerparams_control.messages.joint_bytes"
+
 # What recordings are analysed with.
 _MAPPED = (angle_between, exp, matrix, quaternion, rotation_vector, extract, pole_distance)
 
@@ -44,6 +48,7 @@ def main(args: list[str] | None = None) -> int:
     started, arm = time.perf_counter(), load_robot("ur5")
     robot, home = Robot(arm.urdf, arm.base_frame, arm.tip_frame), np.array(arm.home)
     displacements = (representation(name).laws.displacement for name in ORIENTATIONS)
+    importlib.import_module(_READING)
     for formula in (*_MAPPED, *displacements):
         formula.prepare()
     state = robot.state(home, np.zeros_like(home))

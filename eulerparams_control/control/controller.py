@@ -79,7 +79,6 @@ class Controller:
 
     def changed(self, options: ControllerOptions) -> None:
         """Forget the ticks of the law before, and take over what bounds the new one."""
-        self.orders.target_timeout = options.target_timeout
         self.short_way.forget()
         joints, self.limiter.effort_rate = self.scheme.bounds
         if joints is not self.limiter.limits:

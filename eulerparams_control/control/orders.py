@@ -30,7 +30,7 @@ class Orders:
         target_timeout: float,
     ) -> None:
         self._clock, self._supervisor, self._guidance = admission.clock, supervisor, guidance
-        self._acting, self.target_timeout = acting, target_timeout
+        self._acting, self._target_timeout = acting, target_timeout
 
     def follow(self, motion: Reference, start: int | None, now: float | None = None) -> None:
         """Follow a motion from the stamp ``start`` [ns], or from the next state if None.
@@ -79,7 +79,7 @@ class Orders:
         Raises:
             InvalidMessageError: see :meth:`follow`.
         """
-        self.follow(Jog(twist, self.target_timeout), None, now)
+        self.follow(Jog(twist, self._target_timeout), None, now)
 
     def settle(self, why: Why) -> None:
         """Hold the pose measured last, in a contact as it is, while the last command acts."""
@@ -87,7 +87,7 @@ class Orders:
         self._supervisor.change(ModeEvent.RESTART, why)
 
     def halt(self) -> None:
-        """Hold until :meth:`resume`."""
+        """Hold until :meth:`resume`; command nothing now."""
         self._supervisor.change(ModeEvent.HALT, HALTED)
 
     def end(self) -> None:

@@ -1,7 +1,7 @@
 """Messages, checked: from their fields to the types of the core.
 
-The functions read fields only, so they take the messages of rclpy as well as those of
-:mod:`messages.wire` and of a bag reader, and need no ROS.  Their counterparts ``x_to_ros`` are in
+The functions take the messages of rclpy as well as those of :mod:`messages.wire` and of a bag
+reader, and need no ROS.  Their counterparts ``x_to_ros`` are in
 ``to_ros.py``.  Quaternions are (eta, eps) inside and xyzw in messages.  What a
 message may not contain is refused here with InvalidMessageError.
 """
@@ -15,7 +15,7 @@ import numpy as np
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError
 from eulerparams_control.laws.rotations import Array, EulerParameters
 from eulerparams_control.messages.joint_bytes import NOT_READ, JointsAt, read_joints
-from eulerparams_control.messages.wire import STAMP, AtBytes
+from eulerparams_control.messages.wire import AtBytes
 from eulerparams_control.motion.frames import DesiredFrame, Placement
 from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import MAX_POINTS, Trajectory
@@ -98,15 +98,17 @@ class _JointReader:
         self._joints = tuple(joints)
         self._topic = topic
         self.names: list[str] | None = None
-        self._index: list[int] = []
+        self._index: tuple[int, ...] = ()
 
     def concerns(self, msg: Any) -> bool:
         """Whether a message is meant for us: it has one of the joints, or no names at all."""
         names = msg.name
         return names == self.names or not names or not set(self._joints).isdisjoint(names)
 
-    def _match(self, msg: Any) -> None:
-        """Find the joints among the names of a message."""
+    def _index_of(self, msg: Any) -> tuple[int, ...]:
+        """Return where the joints are among the names of a message."""
+        if msg.name == self.names:
+            return self._index
         names = list(msg.name)
         missing = [joint for joint in self._joints if joint not in names]
         if missing:
@@ -119,15 +121,16 @@ class _JointReader:
                 f"{self._topic} has {', '.join(twice)} twice; expected each joint once: are there "
                 "two publishers in one?"
             )
-        self._index = [names.index(joint) for joint in self._joints]
-        self.names = names
+        self.names, self._index = names, tuple(map(names.index, self._joints))
+        return self._index
 
     def _pick(self, values: Sequence[float], msg: Any, what: str) -> Array:
+        index = self._index_of(msg)
         if len(values) != len(msg.name):
             raise InvalidMessageError(
                 f"{self._topic} has {len(msg.name)} names but {len(values)} values of {what}"
             )
-        picked = [values[i] for i in self._index]
+        picked = [values[i] for i in index]
         if not sum(map(abs, picked)) <= LARGEST and not _are_possible(picked, self._largest):
             raise InvalidMessageError(
                 f"{self._topic} has a {_fault(picked)} {what}: "
@@ -144,7 +147,7 @@ class JointStateReader(_JointReader):
         needs_velocity: whether a message without velocities is refused.
 
     Attributes:
-        has_velocity: whether the last message had velocities; where all are NaN it has none.
+        has_velocity: whether the last valid message had velocities; where all are NaN it has none.
     """
 
     has_velocity = True
@@ -152,7 +155,7 @@ class JointStateReader(_JointReader):
     def __init__(self, joints: Sequence[str], needs_velocity: bool = False) -> None:
         super().__init__(joints, "joint_states")
         self._needs_velocity = needs_velocity
-        self._at: JointsAt | None = None  # in messages of the layout of the last valid one
+        self._at: JointsAt | None = None  # in messages like the last valid one
 
     def from_ros(self, msg: Any) -> tuple[int, Array, Array]:
         """Return the stamp [ns], q (n,) and dq (n,); dq is 0 where the message has none.
@@ -161,26 +164,28 @@ class JointStateReader(_JointReader):
             InvalidMessageError: if a joint is missing, sizes differ, a value is not finite, or
                 velocities are needed and not there.
         """
-        self._at = None
-        if msg.name != self.names:
-            self._match(msg)
+        dq, index = msg.velocity, self._index_of(msg)
         q = self._pick(msg.position, msg, "position")
-        dq, index = msg.velocity, self._index
         # joint_state_broadcaster fills what hardware lacks
         are_nan = len(dq) == len(msg.name) and math.isnan(dq[index[0]])
-        self.has_velocity = len(dq) > 0 and not (are_nan and all(math.isnan(dq[i]) for i in index))
-        if self._needs_velocity and not self.has_velocity:
+        has_velocity = len(dq) > 0 and not (are_nan and all(math.isnan(dq[i]) for i in index))
+        if self._needs_velocity and not has_velocity:
             raise InvalidMessageError(
                 f"joint_states has no velocities{', all are NaN' if len(dq) else ''}; "
                 "efforts need the measured ones: let the driver of the robot publish them"
             )
-        speeds = self._pick(dq, msg, "velocity") if self.has_velocity else np.zeros(len(q))
-        if type(msg) is AtBytes and self.has_velocity:
-            self._at = msg.known.joints(index)
+        speeds = self._pick(dq, msg, "velocity") if has_velocity else np.zeros(len(q))
+        self.has_velocity = has_velocity  # only now: what is refused says nothing
+        is_known = has_velocity and type(msg) is AtBytes
+        self._at = msg.known.joints(index) if is_known else None
         return ns_from_ros(msg.header.stamp), q, speeds
 
     def from_bytes(self, data: bytes) -> tuple[int, Array, Array] | None:
-        """Return the same of a message like the last valid one; None if it is not like that."""
+        """Return the same of the bytes of a message like the last valid one, with velocities.
+
+        None: it has another layout, or a number that is not finite or too large; then
+        :meth:`from_ros` says what it is.
+        """
         if self._at is None:
             return None
         n = len(self._joints)
@@ -209,15 +214,11 @@ class CommandReader(_JointReader):
 
     def position_from_ros(self, msg: Any) -> tuple[Array, Array]:
         """Return q (n,) and dq (n,), 0 where the message has none; raises InvalidMessageError."""
-        if msg.name != self.names:
-            self._match(msg)
         q = self._pick(msg.position, msg, "position")
         return q, self._pick(msg.velocity, msg, "velocity") if len(msg.velocity) else 0.0 * q
 
     def effort_from_ros(self, msg: Any) -> Array:
         """Return tau (n,); raises InvalidMessageError."""
-        if msg.name != self.names:
-            self._match(msg)
         return self._pick(msg.effort, msg, "effort")
 
 
@@ -347,7 +348,7 @@ def wrench_from_ros(msg: Any, frame_id: str) -> Array:
         )
     wrench: Sequence[float]
     if type(msg) is AtBytes:
-        wrench = msg.numbers[STAMP:]
+        wrench = msg.six
     else:
         force, torque = msg.wrench.force, msg.wrench.torque
         wrench = [force.x, force.y, force.z, torque.x, torque.y, torque.z]

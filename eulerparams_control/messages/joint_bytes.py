@@ -34,7 +34,7 @@ def read_joints(
     for i in range(len(fixed)):
         if data[i] & fixed[i] != common[i]:
             return NOT_READ
-    for i in range(len(q)):
+    for i in range(len(q)):  # eight bytes are a number also where they are not aligned
         at, then = places[0, i], places[1, i]
         q[i] = data[at : at + 8].view(np.float64)[0]
         dq[i] = data[then : then + 8].view(np.float64)[0]

@@ -8,7 +8,7 @@ The joints of a controller are read in one compiled call, see ``joint_bytes``.
 
 import struct
 from collections import namedtuple
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -169,9 +169,7 @@ _Header = namedtuple("_Header", "stamp frame_id")
 _Wrench = namedtuple("_Wrench", "force torque")
 _Vector3 = namedtuple("_Vector3", "x y z")
 
-STAMP = 2
-"""Numbers of a message that are its stamp, the first ones."""
-
+_STAMP = 2  # numbers of a message that are its stamp, the first ones
 _stamp = struct.Struct("<iI")
 
 _CODES = {"i4": "i", "u4": "I", "f8": "d"}  # of struct
@@ -214,9 +212,14 @@ class AtBytes(NamedTuple):
         return self.numbers[self.known.parts["effort"]]
 
     @property
+    def six(self) -> tuple[float, ...]:
+        """Force [N] and moment [Nm] of a WrenchStamped."""
+        return self.numbers[self.known.parts["wrench"]]
+
+    @property
     def wrench(self) -> Any:
-        """Force [N] and moment [Nm]."""
-        w = self.numbers[STAMP:]
+        """The same with the fields that it has in rclpy."""
+        w = self.six
         return _Wrench(_Vector3(*w[:3]), _Vector3(*w[3:]))
 
 
@@ -225,8 +228,10 @@ class _Known:
 
     def __init__(self, layout: Layout, data: bytes, msg: Any) -> None:
         self.end = layout.end
-        self.mask = int.from_bytes((layout.fixed[: self.end] * np.uint8(255)).tobytes(), "little")
-        self.common = int.from_bytes(data[: self.end], "little") & self.mask
+        self._fixed = layout.fixed[: self.end] * np.uint8(255)
+        self._common = np.frombuffer(data[: self.end], np.uint8) & self._fixed
+        self.mask = int.from_bytes(self._fixed.tobytes(), "little")
+        self.common = int.from_bytes(self._common.tobytes(), "little")
         self._frame_id, self._name = msg.header.frame_id, getattr(msg, "name", None)
         self.parts: dict[str, slice] = {}
         codes, end, first = "<", 0, 0
@@ -236,21 +241,22 @@ class _Known:
             end = at + length * int(kind[1]) if length else end
             self.parts[path], first = slice(first, first + length), first + length
         self._unpack = struct.Struct(codes).unpack_from
-        self._fixed = layout.fixed[: self.end] * np.uint8(255)
-        self._common = np.frombuffer(data[: self.end], np.uint8) & self._fixed
+        self._joints: dict[tuple[int, ...], JointsAt] = {}
         self._starts = {path: at for path, (at, *_) in layout.numbers.items()}
 
     def message(self, data: bytes) -> AtBytes:
         """Return what a message of this layout says."""
         numbers, new = self._unpack(data), tuple.__new__  # without a call of Python
-        header = new(_Header, (new(Stamp, numbers[:STAMP]), self._frame_id))
+        header = new(_Header, (new(Stamp, numbers[:_STAMP]), self._frame_id))
         return new(AtBytes, (header, self._name, numbers, self))
 
-    def joints(self, index: Sequence[int]) -> JointsAt:
+    def joints(self, index: tuple[int, ...]) -> JointsAt:
         """Return where the positions and velocities of these joints are, for ``read_joints``."""
-        starts = self._starts["position"], self._starts["velocity"]
-        places = [[start + 8 * i for i in index] for start in starts]
-        return self._fixed, self._common, np.array(places)
+        if index not in self._joints:
+            starts = self._starts["position"], self._starts["velocity"]
+            places = np.array([[start + 8 * i for i in index] for start in starts])
+            self._joints[index] = self._fixed, self._common, places
+        return self._joints[index]
 
 
 class Reader:

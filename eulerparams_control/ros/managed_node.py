@@ -122,7 +122,7 @@ class ManagedNode(LifecycleNode):
     @property
     def is_simulated(self) -> bool:
         """Whether time is simulated, so that the stamps count."""
-        return self._time.ros_time_is_active
+        return self._time.is_simulated
 
     def _on_change(self, _old: Any, new: Any) -> None:
         """Apply parameters that were changed while running, between two ticks."""
@@ -183,6 +183,7 @@ class ManagedNode(LifecycleNode):
             expected = ", ".join(robot.joints) if robot else ""
             text = f"not activated: no valid joint_states yet; expected the joints {expected}"
             return self._fail(text, Lifecycle.INACTIVE, Cause.NO_STATES)
+        self._time.look()
         try:
             self._refuse_while_ending()
             if not self.is_simulated and self._input.is_stale(p.state_timeout):
@@ -193,8 +194,8 @@ class ManagedNode(LifecycleNode):
         except EulerParamsError as error:
             self._health.values.update(self.values_now())
             return self._fail(f"not activated: {error}", Lifecycle.INACTIVE)
-        options = ControllerOptions.of(p)
-        self._controller = Controller(scheme, options, measured[1], self._input.efforts)
+        q, options = measured[1], ControllerOptions.of(p)
+        self._controller = Controller(scheme, options, q, self._input.efforts)
         self._input.is_commanded = False
         self._activated()
         tell(Event.READY)

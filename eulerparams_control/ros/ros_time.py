@@ -10,13 +10,14 @@ class RosTime:
         node: the node.
 
     Attributes:
-        ros_time_is_active: whether time is simulated, so that the stamps count.
+        is_simulated: whether time is, so that the stamps count.
     """
 
     def __init__(self, node: Node) -> None:
         self._clock = node.get_clock()
-        self._look()
-        node.add_post_set_parameters_callback(lambda _: self._look())
+        self.look()
+        node.add_post_set_parameters_callback(lambda _: self.look())
 
-    def _look(self) -> None:
-        self.ros_time_is_active = bool(self._clock.ros_time_is_active)
+    def look(self) -> None:
+        """Ask rclpy again."""
+        self.is_simulated = bool(self._clock.ros_time_is_active)

@@ -42,6 +42,10 @@ State = tuple[int, Array, Array]
 class StateInput:
     """Takes joint_states, and knows whether they still come.
 
+    Args:
+        time: of the node: whether it is simulated.
+        health: counts the messages that are deserialised.
+
     Attributes:
         measured: stamp [ns], q, dq (n,) of the last valid ones; None before the first.
         unanswered: their stamp as it came; None when they are answered.
@@ -52,8 +56,8 @@ class StateInput:
         answers: how many states were answered between the last two readings.
     """
 
-    def __init__(self, clock: RosTime, health: Health) -> None:
-        self._clock, self._read = clock, health.reader(JointState, self.concerns)
+    def __init__(self, time: RosTime, health: Health) -> None:
+        self._time, self._read = time, health.reader(JointState, self.concerns)
         self._reader: JointStateReader | None = None
         self.came = 0.0
         self.receipt: float | None = None
@@ -115,7 +119,7 @@ class StateInput:
         if not reader.has_velocity:
             self._mark(t, q)
         self._before, self.came = self.came, now
-        self.receipt = None if self._clock.ros_time_is_active else now
+        self.receipt = None if self._time.is_simulated else now
         return ()
 
     def _mark(self, t: int, q: Array) -> None:

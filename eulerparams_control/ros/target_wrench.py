@@ -100,8 +100,7 @@ class TargetWrench:
         """
         scheme = controller.scheme
         assert isinstance(scheme, Pressing)
-        if self.force is None:
-            return
+        assert self.force is not None  # who calls has looked
         age = (t - self._t) / 1e9 if self._states.receipt is None else steady.now() - self._came
         may_press = controller.mode in _MAY_PRESS
         if may_press and age <= timeout and self._breaks == _breaks(controller):

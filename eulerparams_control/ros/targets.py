@@ -49,7 +49,7 @@ class Leaders:
 
     Args:
         node: that listens.
-        parameters: of the node.
+        parameters: of the node; those that count here are fixed while it is active.
         states: of the arm.
         target: the marker that is dragged.
         more: topics of the scheme.
@@ -94,6 +94,7 @@ class Leaders:
     ) -> None:
         """Listen: ``lead`` is called with a topic and its message, to be taken."""
         self._controller, self._parameters = controller, parameters
+        self._stamps.clear()  # what came before does not count
         self.paired = parameters.paired_targets
         if parameters.reference_pairing != LATEST:
             self.paired = *self.paired, "reference"
@@ -117,7 +118,7 @@ class Leaders:
             InvalidMessageError: if it must not.
         """
         if self._controller is None:
-            return
+            raise InvalidMessageError("not active: nothing leads the arm")
         refuse_two_publishers(self._node, self._heard.get(topic))
         self._topics[topic][1](self._controller, msg)
         self._stamps[topic] = ns_from_ros(msg.header.stamp)

@@ -35,7 +35,7 @@ class WrenchInput:
     pairing by the stamp a state waits for its wrench; for half the timeout in real time.
 
     Args:
-        clock: of the node: whether time is simulated.
+        time: of the node: whether it is simulated.
         pairing: "latest" or "stamp".
         timeout: [s] after which a wrench is too old.
         max_latency: [s] by which one may come later than the best one did, in real time.
@@ -46,8 +46,8 @@ class WrenchInput:
         repeats: whether the last message said the same as the one before, stamp included.
     """
 
-    def __init__(self, clock: RosTime, pairing: str, timeout: float, max_latency: float) -> None:
-        self._clock, self._pairing, self._timeout = clock, pairing, timeout
+    def __init__(self, time: RosTime, pairing: str, timeout: float, max_latency: float) -> None:
+        self._time, self._pairing, self._timeout = time, pairing, timeout
         self._latency = Latency(max_latency)
         self.forget()
 
@@ -96,7 +96,7 @@ class WrenchInput:
                 f"the stamp {stamp / 1e9:.3f} s comes after {self._stamp / 1e9:.3f} s; is the "
                 "sensor stuck, or is there a second one?"
             )
-        if stamp > 0 and not self._clock.ros_time_is_active:
+        if stamp > 0 and not self._time.is_simulated:
             self._refuse_late(stamp, now)
         self._last, self._stamp, self._received = SensedWrench(w, sensor), stamp, now
         self._is_new, self._may_go_back = True, False
@@ -120,7 +120,7 @@ class WrenchInput:
         """Whether the wrench of the state stamped t [ns] is there, or is not to be expected."""
         if self._pairing == LATEST or self._last is None or t in (self._stamp, self._refused):
             return True
-        if self._clock.ros_time_is_active:
+        if self._time.is_simulated:
             return self._age(t) > self._timeout / 2
         return steady.now() - self._paired > self._timeout / 2
 
@@ -139,14 +139,14 @@ class WrenchInput:
         if self._last is None:
             return False
         is_stuck = self.trouble.cause is Cause.WRENCH_STUCK
-        if is_new and not self._clock.ros_time_is_active:  # what is simulated may repeat itself
+        if is_new and not self._time.is_simulated:  # what is simulated may repeat itself
             self._stuck = self._stuck or StuckSensor(limits)
             is_stuck = self._stuck.update(self._last.w, q, steady.now())
         if self._age(t) > self._timeout:
             self.trouble = lost(
                 f"no valid wrench within {self._timeout:g} s; is the sensor running?"
             )
-        elif unpaired and not self._clock.ros_time_is_active and self._waited:
+        elif unpaired and not self._time.is_simulated and self._waited:
             self.trouble = lost(
                 "no wrench has the stamp of joint_states; set wrench_pairing: latest"
             )
@@ -163,6 +163,6 @@ class WrenchInput:
 
     def _age(self, t: int) -> float:
         """Return the age [s] of the last wrench at the stamp t [ns]."""
-        if self._clock.ros_time_is_active:
+        if self._time.is_simulated:
             return abs(t - self._stamp) / 1e9
         return steady.now() - self._received

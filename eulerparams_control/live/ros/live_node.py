@@ -128,8 +128,8 @@ class LiveNode(Node):
                 scene.show_to(client.camera)
 
     def _on_page(self, client: Any) -> None:
-        if self._pilot.scene is not None:
-            self._pilot.scene.show_to(client.camera)
+        if (scene := self._pilot.scene) is not None:  # it may be drawn again meanwhile
+            scene.show_to(client.camera)
 
     def _turn(self) -> None:
         now = steady.now()
