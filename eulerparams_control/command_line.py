@@ -95,8 +95,8 @@ def _imported(name: str, args: list[str] | None) -> int:
     missing = [p for p in packages if find_spec(_MODULES.get(p, p)) is None]
     if missing:
         print(
-            f"error: {name} needs {', '.join(missing)}; install the extra '{extra}': "
-            f"pip install 'eulerparams_control[{extra}]'",
+            f"error: {name} needs {', '.join(missing)}; install the extra '{extra}', in the folder "
+            f"of the package: make setup, or pip install -e '.[{extra}]'",
             file=sys.stderr,
         )
         return 2

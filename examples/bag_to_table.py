@@ -21,6 +21,8 @@ RATE = 20.0  # [Hz]
 
 def main() -> None:
     """Write the table."""
+    if len(sys.argv) < 2:
+        sys.exit("usage: bag_to_table.py BAG [TABLE.parquet]")
     bag, name = (*sys.argv[1:], "table.parquet")[:2]
     arm, joints = (run := analysis.load(bag)).measured, run.robot.joints
     t = np.arange(arm.t[0], arm.t[-1], 1 / RATE)

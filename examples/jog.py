@@ -22,11 +22,14 @@ def main() -> None:
     def spin(seconds: float) -> float:
         """Let time pass; return where the tip is along x [m]."""
         end = time.monotonic() + seconds
-        while time.monotonic() < end or not poses:
+        while time.monotonic() < end:
             rclpy.spin_once(node, timeout_sec=0.01)
         return float(poses[-1].pose.position.x)
 
-    while not target.get_subscription_count():
+    end = time.monotonic() + 30.0
+    while not (poses and target.get_subscription_count()):
+        if time.monotonic() > end:
+            sys.exit("clik has not published a pose within 30 s; what does /diagnostics say?")
         rclpy.spin_once(node, timeout_sec=0.1)
     begin, twist = spin(0.5), TwistStamped()
     twist.header.frame_id = poses[-1].header.frame_id

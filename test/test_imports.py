@@ -5,6 +5,8 @@ from collections import defaultdict
 from functools import cache
 from pathlib import Path
 
+from eulerparams_control.laws import compiled
+
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted([*ROOT.glob("eulerparams_control/**/*.py"), *ROOT.glob("sim_bridge/**/*.py")])
 MESSAGES = {
@@ -150,3 +152,9 @@ def test_only_robot_imports_pinocchio_and_only_the_engine_imports_pybullet():
         "pinocchio": {"eulerparams_control.robot.robot"},
         "pybullet": {"sim_bridge.engine"},
     }
+
+
+def test_what_is_compiled_is_in_the_files_that_the_cache_is_named_by():
+    found = {path for path in SOURCES if "\n@entry" in path.read_text(encoding="utf-8")}
+    assert ROOT / "eulerparams_control/messages/joint_bytes.py" in found
+    assert [path for path in found if not any(map(path.is_relative_to, compiled._ROOMS))] == []

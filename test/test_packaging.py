@@ -153,7 +153,7 @@ def test_an_executable_whose_extra_is_missing_says_so_in_one_line(name):
     result = python(code, *(("collada", "viser") if is_page else ("rich", "plotly")))
     (line,) = result.stderr.splitlines()
     assert f"{name} needs {'viser, pycollada' if is_page else 'plotly, rich'}" in line
-    assert f"pip install 'eulerparams_control[{extra_of(name)}]'" in line
+    assert f"make setup, or pip install -e '.[{extra_of(name)}]'" in line
     assert result.returncode == 2
 
 

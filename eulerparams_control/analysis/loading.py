@@ -458,6 +458,10 @@ class _Reader:
             found.append(f"the stamps of joint_states jump back at {end}: the rest is left out")
         left_out = (BagWarning(BagFlaw.LEFT_OUT, text) for text in found)
         words = self._departure.words
+        targets = (f"{self._arm.namespace}/{name}" for name in ("target_pose", "target_twist"))
+        sent = [t for t in targets if t in self._bag.topics and self._bag.topics[t].count]
+        if words and sent:
+            words += f"; {' and '.join(sent)} led the arm, too, and are not what was asked here"
         shaped = [BagWarning(BagFlaw.SHAPED, words)] if words else []
         return *self._stops, *self._bag.warnings, *left_out, *self._arm.flaws, *shaped
 

@@ -264,7 +264,7 @@ class ControlNode(ManagedNode):
     def _timeout(self) -> float:
         """After which silence [s] joint_states have stopped; not before the next one is due."""
         due = 2 * self._controller.admission.period.seconds if self._controller is not None else 0.0
-        return self._input.timeout(max(self._params.state_timeout, due), self.is_simulated)
+        return self._input.timeout(max(self._params.state_timeout, due), self.time.is_simulated)
 
     def watch(self) -> None:
         """Say that joint_states has stopped, as soon as it has; nothing is commanded then."""
@@ -275,6 +275,8 @@ class ControlNode(ManagedNode):
     def _once_a_second(self) -> None:
         """Gather what /diagnostics shows once a second."""
         self._health.values.update(self._input.read() | self.values_now())
+        if self._input.measured is None and not self._states.get_publisher_count():
+            self._health.complain(f"nobody publishes {self._states.topic_name}: is a robot there?")
         if self._controller is None:
             return
         self._health.values["joint_states missed"] = self._controller.admission.period.missed

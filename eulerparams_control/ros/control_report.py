@@ -83,10 +83,12 @@ class ControlReport:
         resets = controller.supervisor.resets
         again, self._restarts = resets - self._restarts, resets
         if again > 1 and not controller.supervisor.rate.is_too_low:
-            names = ", ".join(sorted(publishers_of(self._node, states_topic)))
+            names = sorted(publishers_of(self._node, states_topic))
+            one = "is a computer too busy, or was its clock set"
+            why = "expected one robot" if len(names) > 1 else one
             self._health.complain(
-                f"joint_states have jumped {again} times in the last second: expected one robot, "
-                f"published by {names}",
+                f"joint_states have jumped {again} times in the last second: {why}? They are "
+                f"published by {', '.join(names)}",
                 error=True,
                 about="restarts",
             )

@@ -46,7 +46,7 @@ class ImpedanceControlNode(ControlNode):
 
     def _subscribe(self) -> None:
         p = self._params
-        self._sensor = WrenchInput(self._time, p.wrench_pairing, p.wrench_timeout, p.max_latency)
+        self._sensor = WrenchInput(self.time, p.wrench_pairing, p.wrench_timeout, p.max_latency)
         self._contact = RestingContact(p.tare_samples)
         self._placements: dict[str, Placement] = {}
         self._pressing = TargetWrench(self._input)
@@ -134,7 +134,7 @@ class ImpedanceControlNode(ControlNode):
             refuse_two_publishers(self, self._wrench)
             placement = self._placement(msg.header.frame_id)
             # in real time, but for lock-step, what repeats itself is a driver that is stuck
-            lockstep = self.is_simulated or self._params.wrench_pairing != LATEST
+            lockstep = self.time.is_simulated or self._params.wrench_pairing != LATEST
             may_repeat = lockstep and not self._input.is_commanded
             waits = may_repeat and self._input.repeats
             self._sensor.take(msg, placement, may_repeat=may_repeat, waits=waits)

@@ -64,8 +64,8 @@ class ManagedNode(LifecycleNode):
         self._loaded: set[str] = set()  # the orientations whose laws are
         self._controller: Controller | None = None
         self._description = self._params.robot_description
-        self._time = RosTime(self)
-        self._input = StateInput(self._time, self._health)
+        self.time = RosTime(self)
+        self._input = StateInput(self.time, self._health)
         self._stamp = Time()  # of the last command
         self._autostart = self._params.autostart
         self._ending = Ending(self._is_followed, self._release)
@@ -118,11 +118,6 @@ class ManagedNode(LifecycleNode):
         """Report what the controller does, if that has changed."""
 
     # --- parameters --------------------------------------------------------------------
-
-    @property
-    def is_simulated(self) -> bool:
-        """Whether time is simulated, so that the stamps count."""
-        return self._time.is_simulated
 
     def _on_change(self, _old: Any, new: Any) -> None:
         """Apply parameters that were changed while running, between two ticks."""
@@ -183,10 +178,10 @@ class ManagedNode(LifecycleNode):
             expected = ", ".join(robot.joints) if robot else ""
             text = f"not activated: no valid joint_states yet; expected the joints {expected}"
             return self._fail(text, Lifecycle.INACTIVE, Cause.NO_STATES)
-        self._time.look()
+        self.time.look()
         try:
             self._refuse_while_ending()
-            if not self.is_simulated and self._input.is_stale(p.state_timeout):
+            if not self.time.is_simulated and self._input.is_stale(p.state_timeout):
                 raise ConfigurationError("joint_states has stopped; is the robot running?")
             if reason := self.refusal():
                 raise ConfigurationError(reason)
@@ -194,8 +189,8 @@ class ManagedNode(LifecycleNode):
         except EulerParamsError as error:
             self._health.values.update(self.values_now())
             return self._fail(f"not activated: {error}", Lifecycle.INACTIVE)
-        q, options = measured[1], ControllerOptions.of(p)
-        self._controller = Controller(scheme, options, q, self._input.efforts)
+        options = ControllerOptions.of(p)
+        self._controller = Controller(scheme, options, measured[1], self._input.efforts)
         self._input.is_commanded = False
         self._activated()
         tell(Event.READY)
