@@ -461,7 +461,7 @@ class _Reader:
         targets = (f"{self._arm.namespace}/{name}" for name in ("target_pose", "target_twist"))
         sent = [t for t in targets if t in self._bag.topics and self._bag.topics[t].count]
         if words and sent:
-            words += f"; {' and '.join(sent)} led the arm, too, and are not what was asked here"
+            words += f"; {' and '.join(sent)} led the arm, too, but do not count here"
         shaped = [BagWarning(BagFlaw.SHAPED, words)] if words else []
         return *self._stops, *self._bag.warnings, *left_out, *self._arm.flaws, *shaped
 

@@ -1,9 +1,9 @@
 """Messages, checked: from their fields to the types of the core.
 
 The functions take the messages of rclpy as well as those of :mod:`messages.wire` and of a bag
-reader, and need no ROS.  Their counterparts ``x_to_ros`` are in
-``to_ros.py``.  Quaternions are (eta, eps) inside and xyzw in messages.  What a
-message may not contain is refused here with InvalidMessageError.
+reader, and need no ROS.  Their counterparts ``x_to_ros`` are in ``to_ros.py``.  Quaternions are
+(eta, eps) inside and xyzw in messages.  What a message may not contain is refused here with
+InvalidMessageError.
 """
 
 import math

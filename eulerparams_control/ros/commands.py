@@ -99,7 +99,7 @@ class CommandPublisher:
         }[kind]
         self._owner: Any = point if kind == "joint_trajectory" else self._message
         self._kind = kind
-        self._lacks: tuple[bool, ...] = ()  # what commands like the last one have not
+        self._lacks: tuple[bool, ...] = ()  # what commands like the last one lack
         self._way: tuple[Template, Numbers] | None = None  # of such commands into a message
         self._publisher = node.create_publisher(type(self._message), topic, qos)
 

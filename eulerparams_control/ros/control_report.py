@@ -84,10 +84,11 @@ class ControlReport:
         again, self._restarts = resets - self._restarts, resets
         if again > 1 and not controller.supervisor.rate.is_too_low:
             names = sorted(publishers_of(self._node, states_topic))
-            one = "is a computer too busy, or was its clock set"
-            why = "expected one robot" if len(names) > 1 else one
+            why = "is a computer too busy, or was its clock set?"
+            if len(names) > 1:
+                why = "expected one robot."
             self._health.complain(
-                f"joint_states have jumped {again} times in the last second: {why}? They are "
+                f"joint_states have jumped {again} times in the last second: {why} They are "
                 f"published by {', '.join(names)}",
                 error=True,
                 about="restarts",
