@@ -30,10 +30,11 @@ from mcap.writer import Writer
 from samples import examples
 from synthetic_runs import _TYPES, write_run
 
+from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.main import main
 from eulerparams_control.bags import Bag, recover
 from eulerparams_control.bags.columns import columns
-from eulerparams_control.bags.format import load_yaml
+from eulerparams_control.bags.format import BagFlaw, load_yaml
 from eulerparams_control.bags.writer import message_definition
 from eulerparams_control.errors import BagError
 from eulerparams_control.motion.frames import DesiredFrame
@@ -445,13 +446,17 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
     )
     messages = list(Bag(folder).read_raw())
 
-    def make(change: Change = unchanged, compression: Compression = Compression.NONE) -> bytes:
+    def make(
+        change: Change = unchanged,
+        compression: Compression = Compression.NONE,
+        definition: Callable[[str], str] = lambda topic: message_definition(_TYPES[topic]),
+    ) -> bytes:
         stream = io.BytesIO()
         writer = Writer(stream, compression=compression, enable_crcs=False)
         writer.start("ros2")
         numbers = {}
         for name, kind in _TYPES.items():
-            number = writer.register_schema(kind, "ros2msg", message_definition(kind).encode())
+            number = writer.register_schema(kind, "ros2msg", definition(name).encode())
             numbers[name] = writer.register_channel(name, "cdr", number)
         for one in messages:
             data = change(one.topic, one.data)
@@ -509,6 +514,21 @@ def test_a_bag_with_damaged_bytes_is_read_recovered_and_analysed_or_refused(
     for act in (read_all, recover, read_all):
         with contextlib.suppress(BagError):
             act(tmp_path)
+
+
+@pytest.mark.parametrize("damaged", [r"\1 \2x", r"\1[] \2"], ids=["name", "type"])
+@pytest.mark.parametrize("topic", sorted(_TYPES.keys() - {"/target_wrench", "/diagnostics"}))
+def test_a_topic_whose_schema_is_not_that_of_its_type_is_left_out(topic, damaged, build, tmp_path):
+    def definition(name: str) -> str:
+        text = message_definition(_TYPES[name])
+        first = r"^([^#\s]+)\s+(\w+)\b"
+        return re.sub(first, damaged, text, count=1, flags=re.M) if name == topic else text
+
+    code = analysed(build(definition=definition), tmp_path)
+    is_needed = topic in ("/joint_states", "/robot_description", "/reference")  # its tip frame
+    assert code == (2 if is_needed else 0)
+    if not code:
+        assert BagFlaw.LEFT_OUT in {flaw.kind for flaw in load(tmp_path / "x.mcap").warnings}
 
 
 @pytest.mark.parametrize("compression", Compression)

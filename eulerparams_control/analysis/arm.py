@@ -7,9 +7,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from eulerparams_control.analysis.controllers import options_of, recorded
-from eulerparams_control.analysis.topics import RecordedTopic
+from eulerparams_control.analysis.topics import JointStates, RecordedTopic
+from eulerparams_control.bags.columns import has_fields_of
 from eulerparams_control.bags.format import BagFlaw, BagWarning
 from eulerparams_control.bags.reader import Bag
+from eulerparams_control.bags.writer import message_definition
 from eulerparams_control.errors import (
     BagError,
     ConfigurationError,
@@ -152,9 +154,26 @@ class Arm:
         self.topics = topics(bag, self.namespace, options.names)
         self.parameters = _parameters(bag, self.namespace)
         self.flaws: dict[BagWarning, None] = {}
+        self._leave_out_strange()
         self.orientation = self._options_of_orientation()
         self.urdf = options.urdf or bag.robot_description(self.topics.get("robot_description"))
         self.robot = self._make_robot()
+
+    def _leave_out_strange(self) -> None:
+        """Leave out the topics whose messages have other fields than their type."""
+        for name, topic in tuple(self.topics.items()):
+            schema = self._bag.schema(topic)
+            try:
+                definition = message_definition(TYPES[name])
+            except BagError:  # it is not installed here: the bag is believed
+                continue
+            if has_fields_of(schema, definition):
+                continue
+            text = f"{topic} has other fields in this bag than {TYPES[name]} has"
+            if name == JointStates.name:
+                raise BagError(f"{self._bag.path}: {text}: is its schema damaged?")
+            self.warn(BagFlaw.LEFT_OUT, f"{text}: it is left out")
+            del self.topics[name]
 
     def _make_robot(self) -> Robot:
         options = self._options

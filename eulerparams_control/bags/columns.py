@@ -73,6 +73,19 @@ def check_schema(schema: Schema) -> None:
     _types(schema.name, schema.data)
 
 
+def has_fields_of(schema: Schema, definition: str) -> bool:
+    """Return whether a schema has the fields that a definition of its type says.
+
+    Args:
+        schema: ros2msg.
+        definition: as :func:`eulerparams_control.bags.writer.message_definition` has it.
+
+    Raises:
+        BagError: if one of them cannot be understood.
+    """
+    return _types(schema.name, schema.data) == _types(schema.name, definition.encode())
+
+
 def check(schema: Schema, message: bytes) -> None:
     """Check that a message (serialised, CDR) is one of a type; takes time by its length at most.
 

@@ -244,8 +244,9 @@ class Bag:
                 "name the topic, or give the URDF as a file"
             )
         for message in self.messages([topic or names[0]]):
-            return str(message.message.data)
-        raise BagError(f"{self.path}: {topic or names[0]} has no message; give the URDF as a file")
+            if isinstance(urdf := getattr(message.message, "data", None), str):
+                return urdf
+        raise BagError(f"{self.path}: {topic or names[0]} has no URDF; give the URDF as a file")
 
     def _chosen(self, topics: Iterable[str] | None) -> set[str]:
         known = self.topics
