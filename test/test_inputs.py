@@ -179,6 +179,17 @@ def test_whose_joint_states_come_is_said_as_long_as_none_of_the_arm_do(world):
     assert "rejected" not in process.log
 
 
+def test_that_nobody_publishes_joint_states_is_said_until_a_robot_is_there(world):
+    process = world.start("clik", {**FRAMES, "robot_description": UR5.urdf})
+    words = "nobody publishes /joint_states: is a robot there?"
+    world.until_said(process, words)
+    world.peer.publisher(JointState, "joint_states")
+    world.until(lambda: process.node.count_publishers("joint_states"), "the robot")
+    said = process.log.count(words)
+    world.advance(10.0)
+    assert process.log.count(words) == said
+
+
 # --- two robots ---------------------------------------------------------------------------------
 @pytest.mark.parametrize("offset", [0.0, 0.3])  # [rad] of the other arm
 def test_two_publishers_of_the_same_joints_stop_the_arm_and_both_are_named(world, offset):

@@ -8,6 +8,7 @@ import math
 import signal
 from collections.abc import Iterator
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -664,6 +665,19 @@ def test_the_robot_publishes_its_state_wrench_clock_and_description(world):
     assert {ns_from_ros(clock.clock) % 10_000_000 for clock in clocks} == {0}
     assert {msg.header.frame_id for msg in wrenches} == {"tool0"}
     assert [ns_from_ros(msg.header.stamp) for msg in wrenches] == stamps  # each before its state
+
+
+def test_the_robot_publishes_its_wrench_as_soon_as_somebody_listens(world):
+    robot = world.start("pybullet_bridge", {"rate": 100.0})
+    states = world.peer.listen(JointState, "joint_states")
+    (wrench,) = (each for each in robot.node.publishers if each.topic_name == "/wrench")
+    with patch.object(wrench, "publish", wraps=wrench.publish) as published:
+        world.until(lambda: len(states) > 10, "the robot")
+        assert not published.called
+        wrenches = world.peer.listen(WrenchStamped, "wrench")
+        states.clear()
+        world.until(lambda: len(states) > 10, "the robot")
+    assert [msg.header.stamp for msg in wrenches] == [msg.header.stamp for msg in states]
 
 
 def test_in_lockstep_nothing_moves_before_all_who_are_to_listen_do(world, capsys):

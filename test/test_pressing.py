@@ -73,7 +73,8 @@ def test_reference_streams_a_force_under_the_stamps_of_the_states_at_a_rate(worl
     np.testing.assert_allclose(f, np.minimum(10.0 + 400.0 * np.array(since), 14.0), rtol=ALGEBRAIC)
 
 
-def test_a_state_waits_for_the_target_of_its_stamp_also_for_one_that_is_refused(world):
+def paired_arm(world):
+    """Return an arm, its controller that waits for target_wrench, and who publishes that."""
     arm = FeelingArm(world, UR5)
     paired = {"wrench_pairing": "stamp", "paired_targets": ["target_wrench"]}
     process = world.start(NAME, {**SIMULATED, **paired})
@@ -81,6 +82,11 @@ def test_a_state_waits_for_the_target_of_its_stamp_also_for_one_that_is_refused(
     while not targets.get_subscription_count():
         arm.send_next()
         assert world.now < 1100.0, process.log
+    return arm, process, targets
+
+
+def test_a_state_waits_for_the_target_of_its_stamp_also_for_one_that_is_refused(world):
+    arm, process, targets = paired_arm(world)
     for force in (1e-3, 1e-3, math.nan, 1e-3):
         arm.send_next()
         assert arm.commands == []
@@ -88,6 +94,20 @@ def test_a_state_waits_for_the_target_of_its_stamp_also_for_one_that_is_refused(
         assert ns_from_ros(arm.commands.pop().header.stamp) == arm.t
     assert "target_wrench rejected" in process.log
     assert "holding the measured pose, pressing with target_wrench" in process.log
+
+
+def test_a_target_from_before_an_activation_is_no_pair(world):
+    arm, _, targets = paired_arm(world)
+    arm.send_next()
+    targets.publish(target_wrench(arm, 0.0, 0.0, 0.0))
+    assert world.peer.change_state(NAME, "deactivate")
+    arm.send(arm.message())  # under the stamp of that target
+    assert world.peer.change_state(NAME, "activate")
+    arm.commands.clear()
+    arm.send(arm.message())
+    assert arm.commands == []
+    targets.publish(target_wrench(arm, 0.0, 0.0, 0.0))
+    assert ns_from_ros(arm.commands.pop().header.stamp) == arm.t
 
 
 def test_a_target_that_nothing_takes_is_no_pair(world):

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseStamped
 from rclpy.serialization import serialize_message
 from synthetic_runs import _START as START
 from synthetic_runs import DISTANCE, PERIOD_NS, arms_together, topics_of, write_messages, write_run
@@ -242,10 +243,22 @@ def test_what_is_said_after_the_last_state_delays_nothing(tmp_path):
 
 
 # --- what was made of a reference ------------------------------------------------------------
-def write_made(folder: Path, rate: float, size: float, of: Sequence[str] = ("clik",)) -> Path:
+TARGETS = {
+    "/target_pose": "geometry_msgs/msg/PoseStamped",
+    "/target_twist": "geometry_msgs/msg/TwistStamped",
+}
+
+
+def write_made(
+    folder: Path,
+    rate: float,
+    size: float,
+    of: Sequence[str] = ("clik",),
+    targets: Sequence[RawMessage] = (),
+) -> Path:
     """Write a run that was asked to move by ``DISTANCE``, and moved by a part of it, slower."""
     plain = write_run(folder / "plain", [0.0] * STATES, lasting=0.4)
-    messages = list(Bag(plain).read_raw())
+    messages = [*Bag(plain).read_raw(), *targets]
     keys = {"mode": "following", PACE: "1", SLOWED: f"{rate}", SATURATED: "7"}
     messages += [saying(t, "clik", OK, "following", keys) for t in (0.2, 0.7)]
     motion = Trajectory(
@@ -260,7 +273,7 @@ def write_made(folder: Path, rate: float, size: float, of: Sequence[str] = ("cli
             messages.append(RawMessage(f"/{name}/desired", stamp, stamp, serialize_message(msg)))
     messages.sort(key=lambda one: one.log_time)
     kind = topics_of(plain)["/reference"]
-    topics = topics_of(plain) | {f"/{name}/desired": kind for name in of}
+    topics = topics_of(plain) | {f"/{name}/desired": kind for name in of} | TARGETS
     return write_messages(folder / "run", topics, messages)
 
 
@@ -294,6 +307,16 @@ def test_what_was_made_of_a_reference_is_compared_with_it(tmp_path, rate, part, 
     for name, value in (("pace", 1.0), ("slowed", rate), ("saturation", 7.0)):
         (curve,) = digest.curves[name]
         assert (curve.t[0], set(curve.y.tolist())) == (pytest.approx(0.2), {value})
+
+
+@pytest.mark.parametrize("sent", [(), ("/target_pose",), tuple(TARGETS)])
+def test_targets_that_led_the_arm_besides_the_reference_are_named(tmp_path, sent):
+    data = bytes(serialize_message(PoseStamped()))
+    targets = [RawMessage(topic, START, START, data) for topic in sent]
+    digest = Digest.of(load(write_made(tmp_path, 0.5, 1.0, targets=targets)))
+    words = f"; {' and '.join(sent)} led the arm, too, but do not count here" if sent else ""
+    assert digest.warning.count("led the arm") == bool(sent)
+    assert words in digest.warning
 
 
 def test_of_two_controllers_it_is_not_known_which_one_leads_the_arm(tmp_path):
