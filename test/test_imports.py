@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 
 from eulerparams_control.laws import compiled
+from eulerparams_control.parameters.schemes import schemes
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted([*ROOT.glob("eulerparams_control/**/*.py"), *ROOT.glob("sim_bridge/**/*.py")])
@@ -134,15 +135,29 @@ def test_few_modules_lie_flat():
     assert flat == ["__init__.py", "command_line.py", "errors.py", "events.py", "resources.py"]
 
 
-def test_analyze_loads_what_draws_figures_and_writes_tables_only_if_they_are_asked_for():
-    """To load them takes as long as to analyse half a minute of a bag."""
-    loaded, pending = set(), {"eulerparams_control.analysis.main"}
+def loaded_with(module):
+    """Return the modules of the package that are loaded with one, which is among them."""
+    loaded, pending = set(), {module}
     while pending:
         name = pending.pop()
         loaded.add(name)
+        pending |= (imports(MODULES[name], at_module_level=True) & MODULES.keys()) - loaded
+    return loaded
+
+
+def test_analyze_loads_what_draws_figures_and_writes_tables_only_if_they_are_asked_for():
+    """To load them takes as long as to analyse half a minute of a bag."""
+    for name in loaded_with("eulerparams_control.analysis.main"):
         found = imports(MODULES[name], at_module_level=True)
         assert not {module.partition(".")[0] for module in found} & {"matplotlib", "pyarrow"}, name
-        pending |= (found & MODULES.keys()) - loaded
+
+
+def test_a_node_loads_the_parameters_of_no_other_scheme():
+    """To load them, and the laws that they are for, takes a tenth of a second."""
+    parameters = {f"eulerparams_control.parameters.{name}": name for name in schemes()}
+    for name in schemes():
+        loaded = loaded_with(f"eulerparams_control.ros.{name}_node")
+        assert [parameters[each] for each in loaded & parameters.keys()] == [name]
 
 
 def test_only_robot_imports_pinocchio_and_only_the_engine_imports_pybullet():

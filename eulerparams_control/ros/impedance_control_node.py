@@ -29,8 +29,9 @@ from eulerparams_control.ros.publishers import refuse_two_publishers
 from eulerparams_control.ros.qos import QOS
 from eulerparams_control.ros.resting_contact import RestingContact, norms
 from eulerparams_control.ros.runtime import run
+from eulerparams_control.ros.target_stiffness import TargetStiffness, stiffness_from_ros
 from eulerparams_control.ros.target_wrench import AT_ITS_END, TargetWrench
-from eulerparams_control.ros.targets import TargetStiffness, Topics, stiffness_from_ros
+from eulerparams_control.ros.targets import Topics
 from eulerparams_control.ros.wrench_input import WrenchInput
 
 
