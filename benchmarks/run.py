@@ -71,6 +71,7 @@ def measured(bench: Callable[[], Iterator[Row]]) -> Iterator[Row]:
 
 
 def main() -> None:
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # or each process compiles all its modules
     options, begun = parse(), about()
     chosen = {name: partial(BENCHES[name], options.quick) for name in options.only}
     if options.soak:
