@@ -166,11 +166,12 @@ def test_without_a_folder_that_can_be_written_formulas_are_compiled_all_the_same
     file = tmp_path / "file"
     file.write_text("")
     code = "from eulerparams_control.laws.rotations import exp; exp.prepare()"
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(file)}
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(file), "TMPDIR": str(tmp_path)}
     done = subprocess.run(
         [sys.executable, "-c", code], env=environment, check=True, capture_output=True, text=True
     )
     assert "set NUMBA_CACHE_DIR to a folder that can be written" in done.stderr
+    assert list(tmp_path.iterdir()) == [file]  # what was compiled lasts no longer than the process
 
 
 def test_schemes_command_the_same_where_nothing_is_compiled(tmp_path):

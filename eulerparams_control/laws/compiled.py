@@ -11,6 +11,7 @@ for which it is compiled at the first call, and mapped.  What it calls ``previou
 value for the sample before.
 """
 
+import atexit
 import hashlib
 import importlib.util
 import inspect
@@ -569,7 +570,9 @@ def cache_folder() -> str:
             "again, for half a minute or more; set NUMBA_CACHE_DIR to a folder that can be written",
             stacklevel=2,
         )
-        return tempfile.mkdtemp(prefix="eulerparams_control_")
+        own = tempfile.TemporaryDirectory(prefix="eulerparams_control_")
+        atexit.register(own.cleanup)
+        return own.name
     for old in root.glob("?" * len(state)):
         with suppress(OSError):  # another process may do the same
             if time.time() - old.stat().st_mtime > _KEPT:

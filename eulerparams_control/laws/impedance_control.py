@@ -24,7 +24,6 @@ from eulerparams_control.laws.compiled import (
     Inputs,
     Row,
     Rows,
-    entry,
     layout,
     slot,
 )
@@ -176,9 +175,9 @@ class ImpedanceLaw:
 
     def __post_init__(self) -> None:
         kind = type(self.compliance.orientation)
-        object.__setattr__(self, "displaced", entry_of(_displaced, kind))
+        object.__setattr__(self, "sense", entry_of(_sense, kind))
 
-    displaced: Callable[..., None] = field(init=False, repr=False, compare=False)
+    sense: Callable[..., int] = field(init=False, repr=False, compare=False)
 
     @cached_property
     def most(self) -> Array:
@@ -226,9 +225,13 @@ class ImpedanceLaw:
             )
 
 
-@entry
+displacement = read = put = slot  # of a representation
+_read_options = layout(Coordinates).read
+
+
 def _sense(
     chain: Rows, q: Input, dq: Input, work: Rows, row: Row,
+    desired: Input, previous: Input, options: Input,
     w_s: Input, R_s: Inputs, p_s: Input, numbers: Input, felt: Row, found: Row, before: Input,
     most: Input, change: Row, fade: Row, swing: Input, contact: Input, watch: Rows, dt: float,
     sensed: Row,
@@ -237,6 +240,8 @@ def _sense(
 
     Args:
         chain, q, dq, work, row: see :func:`put_arm`.
+        desired: the desired frame, from which the tip is displaced by x_de.
+        previous, options: x_de of the tick before, and of the representation.
         w_s, R_s, p_s, numbers, felt, found: see :func:`feel`; w_s (0,): nothing is measured.
         before: (n,) speeds in the tick before, whose change is the acceleration; or (0,).
         most: [N], [Nm] of the contact.
@@ -244,11 +249,13 @@ def _sense(
         swing: (3,) [N] of the contact that is commanded: that is no oscillation.
         contact, watch: see :func:`observe`.
         dt: [s] after the tick before.
-        sensed: (12,) w and h.
+        sensed: is filled with w (6,), h (6,), x_de.
     """
-    n, w, h, acceleration, watched = len(q), sensed[:6], sensed[6:], np.empty(0), np.empty(6)
+    n, w, h, acceleration, watched = len(q), sensed[:6], sensed[6:12], np.empty(0), np.empty(6)
     tip = row[2 * n : 2 * n + TIP]
     put_arm(chain, q, dq, work, row)
+    R_d, R_e = read_frame(desired, 0).R_d, read_tip(row, 2 * n).R_e
+    put(sensed, 12, displacement(R_d, R_e, read(previous, 0), _read_options(options, 0)))
     if len(w_s) == 0:  # what is not known any more fades away
         felt[6] = 0.0
         w[:] = 0.0
@@ -274,16 +281,6 @@ def _sense(
         h[i] = -h[i]
         watched[i] = w[i] + swing[i] if i < 3 else w[i]
     return observe(watched, tip[12:15], tip[15:18], dt, contact, watch)
-
-
-displacement = read = put = slot  # of a representation
-_read_options = layout(Coordinates).read
-
-
-def _displaced(row: Row, n: int, desired: Input, previous: Input, options: Input, x: Row) -> None:
-    """Fill x_de of the arm in a row from the desired frame."""
-    before, given, R_d = read(previous, 0), _read_options(options, 0), read_frame(desired, 0).R_d
-    put(x, 0, displacement(R_d, read_tip(row, 2 * n).R_e, before, given))
 
 
 class ImpedanceControl(Scheme):
@@ -530,19 +527,22 @@ class ImpedanceControl(Scheme):
         motion, law, robot, chain, contact = (
             self.motion, self.law, self.robot, self.chain, self.contact
         )  # fmt: skip
-        n, centre, row, sensed = robot.n, law.centre, np.empty(motion.width), np.empty(12)
+        n, centre, before = robot.n, law.centre, self._x_de
+        row, sensed = np.empty(motion.width), np.empty(12 + len(before))
         if len(q) != n or len(dq) != n:
             robot.refuse_size(q, dq)
         w_s, (R_s, p_s) = self._sensed or _NOT_SENSED
-        found = _sense(
-            robot.chain, q, dq, motion.work, row, w_s, R_s, p_s, chain.options.numbers,
-            chain.state, chain.found, self._dq, law.most, self._blend.row, self._fade.row,
-            self.force.swing, contact.most, contact.state, dt, sensed,
+        orientation = law.compliance.orientation
+        found = law.sense(
+            robot.chain, q, dq, motion.work, row, desired, before, orientation.options.row,
+            w_s, R_s, p_s, chain.options.numbers, chain.state, chain.found, self._dq, law.most,
+            self._blend.row, self._fade.row, self.force.swing, contact.most, contact.state, dt,
+            sensed,
         )  # fmt: skip
         self._q, self._dq, self._held = q, row[n : 2 * n], None
         if found == _TOO_LARGE:
             law.refuse_wrench(chain.force, chain.moment)
-        self._w, self._h = w, h = sensed[:6], sensed[6:]
+        self._w, self._h = w, h = sensed[:6], sensed[6:12]
         if found or self.force.is_on or self.damping > 1.0:
             self._calm(found, dt)
         at_tip = centre is AT_ORIGIN
@@ -553,9 +553,7 @@ class ImpedanceControl(Scheme):
         tau, saturated, excess = motion.efforts(dt, row, compliant, h)  # eq. (48)
         command = JointCommand(None, None, tau, compliant)
         # of the tip from the desired frame, not from the compliant one
-        before, orientation = self._x_de, law.compliance.orientation
-        self._x_de = x_de = np.empty(len(before))
-        law.displaced(row, n, desired, before, orientation.options.row, x_de)
+        self._x_de = x_de = sensed[12:]
         told = saturated, excess, None if self.is_frozen else w, x_de
         return Tick(command, desired, row, n, orientation.rows.unpack, *told)
 
