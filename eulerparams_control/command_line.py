@@ -1,9 +1,11 @@
 """The executables: where they are, the extras that they need, what their command lines share.
 
+``python -m eulerparams_control.command_line NAME`` runs one where no scripts are installed.
 ``setup.py`` runs this file where nothing is installed yet.
 """
 
 import argparse
+import gc
 import os
 import re
 import sys
@@ -100,7 +102,13 @@ def _imported(name: str, args: list[str] | None) -> int:
             file=sys.stderr,
         )
         return 2
-    return int(import_module(executables()[name]).main(args))
+    gc.disable()  # what is imported stays: to look for garbage in it takes more than 0.1 s
+    try:
+        program = import_module(executables()[name])
+        gc.freeze()
+    finally:
+        gc.enable()
+    return int(program.main(args))
 
 
 def make_console() -> "Console":
@@ -129,3 +137,8 @@ def whole_number(least: int = 0) -> Callable[[str], int]:
         return value
 
     return parse
+
+
+if __name__ == "__main__":
+    del sys.argv[0]  # the program is called by its name
+    sys.exit(_run(sys.argv[0]))

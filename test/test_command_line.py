@@ -1,7 +1,9 @@
 """Shared by the executables: the console, events, interrupts."""
 
+import gc
 import io
 from importlib import import_module
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
@@ -74,3 +76,24 @@ def test_an_interrupt_while_modules_are_imported_ends_in_silence(monkeypatch, ca
     monkeypatch.setattr(command_line, "import_module", interrupted)
     assert command_line.clik() == 130
     assert capsys.readouterr() == ("", "")
+    assert gc.isenabled()
+
+
+def test_garbage_is_looked_for_when_all_is_imported_but_not_in_that(monkeypatch):
+    looks = []
+
+    def main(_: None) -> int:
+        looks.append((gc.isenabled(), gc.get_freeze_count() > 0))
+        return 0
+
+    def imported(_: str) -> SimpleNamespace:
+        looks.append((gc.isenabled(), gc.get_freeze_count() > 0))
+        return SimpleNamespace(main=main)
+
+    gc.unfreeze()
+    monkeypatch.setattr(command_line, "import_module", imported)
+    try:
+        assert command_line.clik() == 0
+    finally:
+        gc.unfreeze()
+    assert looks == [(False, False), (True, True)]

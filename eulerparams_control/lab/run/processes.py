@@ -104,8 +104,8 @@ class Nodes:
         ``executable`` is one of ours, or the name of a module.
         """
         file = self._write(executable, parameters)
-        module = executables().get(executable, executable)
-        command = [*self._prefix, sys.executable, "-m", module, "--ros-args"]
+        runner = ["eulerparams_control.command_line"] if executable in executables() else []
+        command = [*self._prefix, sys.executable, "-m", *runner, executable, "--ros-args"]
         command += ["--params-file", str(file), "-r", f"__ns:={namespace}"]
         for topic, other in remaps.items():
             command += ["-r", f"{topic}:={other}"]
