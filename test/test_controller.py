@@ -32,7 +32,7 @@ from eulerparams_control.laws.rotations import log
 from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import MotionLimits
-from eulerparams_control.motion.references import SetPoint
+from eulerparams_control.motion.references import Goal, SetPoint
 from eulerparams_control.motion.trajectories import Trajectory, way_points
 
 MS = 1_000_000  # [ns]
@@ -246,7 +246,7 @@ def test_the_tip_keeps_its_limits_at_20_states_a_second(feedback):
         assert (rates <= 1.05 * np.array(LIMITS.accelerations)).all()
 
 
-@pytest.mark.parametrize("way", [(0.5, 0.5, 0.5), (0.0, 0.0, 0.8)])
+@pytest.mark.parametrize("way", [(0.4, 0.4, 0.4), (0.0, 0.0, 0.8)])
 def test_a_goal_out_of_reach_is_gone_to_without_swinging(way):
     joints = replace(UR5.limits, acceleration=np.full(6, 10.0))
     law = ClikLaw(make("euler_parameters"), 100.0, 200.0)
@@ -315,7 +315,7 @@ def test_speed_limits_that_are_lowered_in_motion_are_come_to_within_the_accelera
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1e3])
 def test_a_target_that_no_arm_reaches_is_refused(value):
     running = controller()
-    with pytest.raises(InvalidMessageError, match="target"):
+    with pytest.raises(InvalidMessageError, match="out of reach" if value == 1e3 else "target"):
         running.orders.aim(moved(value))
     if not math.isfinite(value):
         with pytest.raises(InvalidMessageError, match="target"):
@@ -371,6 +371,25 @@ def test_a_trajectory_that_started_long_ago_is_refused_where_it_has_come_far_sin
     assert_holds(running, T_0 + MS, HOME)
     for start in (T_0, T_0 - 10 * MS, T_0 + 5000 * MS):
         running.orders.follow(late, start)
+
+
+@pytest.mark.parametrize("kind", ["goal", "set-point", "trajectory"])
+def test_what_leads_where_the_arm_never_gets_is_refused(kind):
+    running, here, centre = controller(ANY_JUMP), pose_of(HOME), UR5.reach.centre
+    running.step(T_0, HOME, STILL)
+    for way in (0.99 * UR5.reach.radius, 1.01 * UR5.reach.radius):
+        far = here._replace(p_d=centre + way * np.array([0.6, 0.0, 0.8]))
+        motion = {
+            "goal": Goal(far),
+            "set-point": SetPoint(far, 0.1),
+            "trajectory": Trajectory([0.0, 2.0, 4.0], [here, far, here]),
+        }[kind]
+        if way < UR5.reach.radius:
+            running.supervisor.references.refuse_unreachable(motion)
+            continue
+        with pytest.raises(InvalidMessageError, match=r"is 1\.252 m .* reaches 1\.240 m at most"):
+            running.orders.follow(motion, None)
+    assert not running.guidance.motion.waiting
 
 
 def test_a_reference_is_compared_with_the_present_desired_frame_and_not_with_the_start():
@@ -565,7 +584,7 @@ def test_no_trajectory_makes_a_command_that_is_not_finite(orientation):
 def test_joints_that_leave_all_bounds_lead_to_a_fault_and_not_to_infinite_positions():
     options = ControllerOptions(60.0, 1e9, math.inf, math.inf)
     running = Controller(clik(), options, HOME)
-    far = SetPoint(moved()._replace(p_d=np.array([1e305, -1e305, 1e305])), 1.0)
+    far = SetPoint(moved()._replace(dp_d=np.array([1e305, -1e305, 1e305])), 1e4)
     faults = feed(running, [far] * 10, steps=10, dt=50_000 * MS)
     assert faults > 0
 

@@ -335,6 +335,21 @@ TWO_LINKS = """
 """
 
 
+def test_the_tip_is_within_reach_where_the_joints_are_within_their_limits():
+    for urdf, *frames in ARMS.values():
+        robot = Robot(urdf, *frames)
+        for q, dq in configurations(robot.n, 52):
+            q = np.clip(q, robot.limits.lower, robot.limits.upper)
+            assert robot.reach.beyond(robot.state(q, dq).p_e) <= 1e-15
+
+
+def test_links_that_are_stretched_reach_just_so_far():
+    robot = Robot(re.sub("<mimic[^>]*>", "", TWO_LINKS), "base", "finger")
+    for slide, out in ((1.0, 0.0), (0.25, -0.75)):
+        p_e = robot.state(np.array([0.7, slide]), np.zeros(2)).p_e
+        assert_close(robot.reach.beyond(np.array([p_e, p_e])), [out, out], 1e-15)
+
+
 @pytest.fixture
 def entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """A valid entry for TWO_LINKS, without its mimic joint."""

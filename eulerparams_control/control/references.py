@@ -11,12 +11,13 @@ from eulerparams_control.errors import InvalidMessageError, SingularityError
 from eulerparams_control.motion.frames import DesiredFrame, distance
 from eulerparams_control.motion.references import Goal, Jog, SetPoint
 from eulerparams_control.motion.trajectories import Trajectory
+from eulerparams_control.robot.robot import Reach
 
 # How far ahead [s] a reference may start: further, the two clocks are not the same.
 _MAX_AHEAD = 3600.0
 
-# No arm reaches so far [m].
-_FARTHEST = 100.0
+# A stretched arm reaches this much [m] of rounding beyond its reach.
+_ROUNDING = 1e-9
 
 # After a fault references are followed again when they have paused this long [s].
 _PAUSE = 0.5
@@ -29,11 +30,13 @@ class References:
     Attributes:
         max_jump_position: [m] by which a reference may be away from the desired frame.
         max_jump_rotation: [rad] the same for the rotation.
+        reach: of the arm.
         last: when a reference came last [s].
     """
 
     max_jump_position: float
     max_jump_rotation: float
+    reach: Reach
     last: float = -math.inf
 
     def refuse_after_fault(self, mode: ControlMode, t: float) -> None:
@@ -58,17 +61,27 @@ class References:
                 f"{held}; call ~/resume, or send nothing for {_PAUSE} s, then again"
             )
 
-    @staticmethod
-    def refuse_target(target: Goal | Jog) -> None:
-        """Raise InvalidMessageError for a target that is not finite, or that no arm reaches."""
+    def refuse_target(self, target: Goal | Jog) -> None:
+        """Raise InvalidMessageError for a target that is not finite, or out of reach."""
         if isinstance(target, Jog):
-            values, way = target.twist, 0.0
+            values = target.twist
         else:
-            p_d, R_d = target.frames[0].p_d, target.frames[0].R_d
-            values, way = np.append(p_d, R_d), float(np.abs(p_d).max())
-        if not np.isfinite(values).all() or way > _FARTHEST:
+            values = np.append(target.frames[0].p_d, target.frames[0].R_d)
+        if not np.isfinite(values).all():
+            raise InvalidMessageError(f"the target is {values.tolist()}; expected finite values")
+        if isinstance(target, Goal):
+            self.refuse_unreachable(target)
+
+    def refuse_unreachable(self, motion: Goal | Trajectory | SetPoint) -> None:
+        """Raise InvalidMessageError if a motion leads where the arm never gets."""
+        places = np.array([frame.p_d for frame in motion.frames])
+        beyond = self.reach.beyond(places)
+        k = int(np.argmax(beyond))
+        if beyond[k] > _ROUNDING:
             raise InvalidMessageError(
-                f"the target is {values.tolist()}; expected finite values, and a position in metres"
+                f"the position {np.round(places[k], 3).tolist()} is out of reach: it is "
+                f"{beyond[k] + self.reach.radius:.3f} m from the first joint of the arm, which "
+                f"reaches {self.reach.radius:.3f} m at most; expected metres, in the base frame"
             )
 
     def jumps(self, here: DesiredFrame, there: DesiredFrame) -> bool:
@@ -77,7 +90,7 @@ class References:
         return not (way <= self.max_jump_position and angle <= self.max_jump_rotation)
 
     def refuse_jump(self, motion: Trajectory | SetPoint, late: float, here: DesiredFrame) -> None:
-        """Raise InvalidMessageError if a motion leads too far away at once.
+        """Raise InvalidMessageError if a motion leads too far away, at once or at all.
 
         Args:
             motion: that comes.
@@ -103,6 +116,7 @@ class References:
                 "first point a time_from_start > 0, or raise max_jump_position and "
                 "max_jump_rotation"
             )
+        self.refuse_unreachable(motion)
 
     def _refuse_leap(self, motion: SetPoint) -> None:
         """Raise InvalidMessageError if the twist of a set-point leads farther than it may jump."""

@@ -66,7 +66,7 @@ class Supervisor:
     ) -> None:
         self._guidance, self.limiter, self._clock = guidance, limiter, admission.clock
         self._scheme, self._timeout = guidance.scheme, options.state_timeout
-        self.references = References(*options.max_jump)
+        self.references = References(*options.max_jump, guidance.scheme.robot.reach)
         self._halted = 0.0  # for how long [s] efforts were to stop the arm
         self._is_strict = options.check_states  # a simulation without limits may diverge
         self.mode: ControlMode = (Waiting if options.require_reference else Holding)(Why())

@@ -30,6 +30,23 @@ _OF_REACH = 0.8
 _LINK = pin.FrameType.BODY  # a joint may have the name of a link
 
 
+class Reach(NamedTuple):
+    """A sphere that the tip never leaves; it does not reach all that is in it.
+
+    Attributes:
+        centre: (3,) [m] the first joint, base frame.
+        radius: [m] the sum of the links from there on, and of how far joints slide.
+    """
+
+    centre: Array
+    radius: float
+
+    def beyond(self, p: Array) -> Array:
+        """Return by how much [m] positions (..., 3) are outside; 0 or less: they are not."""
+        out: Array = np.linalg.norm(p - self.centre, axis=-1) - self.radius
+        return out
+
+
 class RobotState(NamedTuple):
     """Kinematics of the arm at one instant; having one proves that they are up to date.
 
@@ -114,6 +131,7 @@ class Robot:
         length: characteristic length [m]: 0.8 times the sum of the distances between the origins
             of successive joints, up to the tip, and of the ranges of those that slide; that of
             a UR5 is 0.99 m.
+        reach: where the tip can be at all.
         is_prismatic: (n,) which of the active joints slide; the others turn.
         locked: joints between base and tip that could move, but are held at 0 in the model.
         mount: joints between the root and the base that could turn it against gravity, held at 0
@@ -160,11 +178,11 @@ class Robot:
         self._model = _reduced_model(urdf, self.joints)
         self._model.gravity.linear = np.array(gravity, dtype=float)
         self._tip = self._model.getFrameId(self.tip_frame, _LINK)
-        self.length = self._characteristic_length()
         if tool is not None:
             self._carry(tool)
         self._data = self._model.createData()
         self._zero, self._base = np.zeros(self.n), self._base_placement()
+        self.length, self.reach = self._lengths()
         self._continuous = [joint.nq == 2 for joint in self._model.joints[1:]]
         self.chain = self._chain()
         self._refuse_other_model()
@@ -346,12 +364,17 @@ class Robot:
                         f"for this arm at q = {q.tolist()}: {found.tolist()}, {expected.tolist()}"
                     )
 
-    def _characteristic_length(self) -> float:
-        links = [*self._model.jointPlacements[2:], self._model.frames[self._tip].placement]
-        ranges = (self.limits.upper - self.limits.lower)[self.is_prismatic]
-        reach = sum(float(np.linalg.norm(link.translation)) for link in links)
-        reach += float(ranges[np.isfinite(ranges)].sum())
-        return _OF_REACH * reach if reach > 0 else 1.0
+    def _lengths(self) -> tuple[float, Reach]:
+        """Return the characteristic length [m], and how far the tip can be."""
+        placements, slides = self._model.jointPlacements, self.is_prismatic
+        links = [*placements[2:], self._model.frames[self._tip].placement]
+        stretched = sum(float(np.linalg.norm(link.translation)) for link in links)
+        lower, upper = self.limits.lower[slides], self.limits.upper[slides]
+        ranges = upper - lower
+        length = stretched + float(ranges[np.isfinite(ranges)].sum())
+        radius = stretched + float(np.maximum(abs(lower), abs(upper)).sum())
+        first = self._base.actInv(placements[1]).translation
+        return _OF_REACH * length if length > 0 else 1.0, Reach(first, radius)
 
     def _carry(self, tool: Tool) -> None:
         """Add a tool to the model of the link that carries the tip."""
