@@ -25,6 +25,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache, cached_property, update_wrapper, wraps
 from pathlib import Path
+from threading import RLock
 from types import FunctionType
 from typing import Annotated, Any, NamedTuple, cast, get_args, get_type_hints
 
@@ -67,6 +68,8 @@ if IS_COMPILED:
     import numba
     import numba.core.event
     import numba.extending
+
+_COMPILING = RLock()  # numba has one cache folder for all threads; a compilation leads to others
 
 _ATOMS: dict[type, tuple[str, ...]] = {}  # kinds of values that are a row of floats
 
@@ -490,13 +493,14 @@ def _type(kind: Any) -> Any:
 
 def _njit(function: Callable[..., Any], *signatures: Any) -> Any:
     """Return a function compiled for these types now, or for any as they come."""
-    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, cache_folder()
-    try:
-        options = {"cache": _is_ours(function), "error_model": "numpy", "no_cfunc_wrapper": True}
-        options["no_cpython_wrapper"] = not signatures  # Python calls entries only
-        compiled = numba.njit(list(signatures) or None, **options)(function)
-    finally:
-        numba.config.CACHE_DIR = before
+    options = {"cache": _is_ours(function), "error_model": "numpy", "no_cfunc_wrapper": True}
+    options["no_cpython_wrapper"] = not signatures  # Python calls entries only
+    with _COMPILING:
+        before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, cache_folder()
+        try:
+            compiled = numba.njit(list(signatures) or None, **options)(function)
+        finally:
+            numba.config.CACHE_DIR = before
     if signatures and _is_ours(function) and compiled.stats.cache_misses:
         _say_once()
     return compiled
