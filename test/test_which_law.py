@@ -10,6 +10,7 @@ import pinocchio as pin
 import pytest
 from representations import make
 from samples import generator, positive_definite, rodrigues, uniform, unit_vectors
+from synthetic_runs import write_run
 from tolerances import ALGEBRAIC, DIFFERENCES, assert_close
 
 from eulerparams_control.lab.as_shipped.laws import LAMBDA
@@ -64,6 +65,25 @@ def test_no_node_of_a_robot_offers_a_law_as_shipped():
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.split() == ["UnknownNameError"] * len(schemes())
+
+
+def test_a_page_shows_the_error_of_a_law_as_shipped_for_the_run_that_used_it_alone(tmp_path):
+    code = (
+        "import sys, eulerparams_control.lab.experiments\n"  # first: it registers the laws
+        "from eulerparams_control.analysis import Digest, load\n"
+        "for bag in sys.argv[1:]:\n"
+        "    curves = Digest.of(load(bag)).curves\n"
+        "    print(*[c for c in curves if c.startswith(('error_as_shipped', 'error_angle'))])\n"
+    )
+    bags = [
+        write_run(tmp_path / name, [0.1, 0.2], parameters={"orientation": name})
+        for name in ("euler_parameters", "as_shipped_eps")
+    ]
+    command = [sys.executable, "-c", code, *bags]
+    run = subprocess.run(command, capture_output=True, text=True, check=True)
+    own, shipped = map(str.split, run.stdout.splitlines())
+    assert own == ["error_angle_axis"]
+    assert sorted(shipped) == ["error_angle_axis", "error_as_shipped_eps"]
 
 
 def rate(name, Q, x, mu_d, Z):

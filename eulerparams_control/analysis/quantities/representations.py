@@ -4,7 +4,7 @@ import numpy as np
 
 from eulerparams_control.analysis.quantities.base import XYZ, Samples, drawn
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.laws.orientation import OrientationRepresentation
+from eulerparams_control.laws.orientation import ORIENTATIONS, OrientationRepresentation
 
 _NOTHING = np.zeros(0), np.zeros((0, 3))
 _ERRORS = "Orientation error in every representation"
@@ -20,7 +20,7 @@ def _draw_error(place: float, kind: type[OrientationRepresentation]) -> None:
 
     def error(recording: Recording) -> Samples:
         known = recording.known
-        if not len(known):
+        if not (len(known) and _is_drawn(kind.name, recording)):
             return _NOTHING
         error = recording.displacements(kind.name).error
         return recording.leading.t[known], np.degrees(error) if kind.unit == "rad" else error
@@ -31,6 +31,11 @@ def _draw_error(place: float, kind: type[OrientationRepresentation]) -> None:
         unit=unit, floor=1e-6 if unit else 1e-8, name=f"error_{kind.name}",
         components=_ANGLES if of_angles else XYZ, group=_ERRORS,
     )(error)  # fmt: skip
+
+
+def _is_drawn(name: str, recording: Recording) -> bool:
+    """Return whether a representation is one of the package, or that of the run."""
+    return name in ORIENTATIONS or recording.parameter("orientation") == name
 
 
 for _i, _kind in enumerate(OrientationRepresentation.registry.values()):
