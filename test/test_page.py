@@ -29,6 +29,7 @@ from eulerparams_control.robot.robot import Robot
 
 EVIL = "</script><script>alert(1)</script>"
 FORCES = "Contact force, base axes"
+MEASURED = "measured_orientation_error"
 MAX_BYTES = 20_000_000
 
 MET = Verdict("largest <error>", "calm", "about 5", 5.73, "deg", "< 6", True)
@@ -283,6 +284,16 @@ def test_a_run_without_efforts_has_no_line_among_those_of_one_that_has_some(tmp_
         assert names == {"dynamic"}
     assert {trace["name"] for trace in figure_of(text, "Servo")["data"]} == {"clik"}
     assert len(figure_of(text, "Lyapunov function")["data"]) == 2
+
+
+def test_the_error_of_the_arm_itself_is_drawn_of_each_run_where_one_has_a_command(tmp_path):
+    kinematic = recorded(tmp_path / "clik", [1.0, 0.5], [1.0, 0.0], parameters=GAINS)
+    runs, first = [kinematic, dynamic(tmp_path / "dynamic", [3.0, -8.0])], BY_NAME[MEASURED]
+    text = page_of(tmp_path, runs, "", "", first=first.name)
+    assert titles_of(text)[0] == first.title
+    ends = {trace["name"]: array(trace["y"])[-1] for trace in figure_of(text, first.title)["data"]}
+    assert ends == pytest.approx({"clik": np.degrees(0.5), "dynamic": np.degrees(1e-7)})
+    assert first.title not in titles_of(page_of(tmp_path, runs[1:], "", ""))
 
 
 def test_parameters_are_compared_between_the_runs_that_have_their_node(tmp_path):

@@ -338,10 +338,14 @@ def panel(
         predictions: those of other quantities are left out.
     """
     name, names = quantity.name, labels(digests)
-    curves = {i: digest.curves[name] for i, digest in enumerate(digests) if name in digest.curves}
-    count = max(map(len, curves.values()), default=0)
-    if not count:
+    if not any(digest.curves.get(name) for digest in digests):
         return None
+    curves = {
+        i: found
+        for i, digest in enumerate(digests)
+        if (found := digest.curves.get(name) or digest.curves.get(quantity.otherwise))
+    }
+    count = max(map(len, curves.values()))
     theory = [prediction for prediction in predictions if prediction.quantity == name]
     robots = [digests[run].robot for run in curves]
     limits = []

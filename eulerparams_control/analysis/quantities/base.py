@@ -54,6 +54,7 @@ class Quantity:
         group: its heading in the page.
         logarithmic: whether the axis is logarithmic in any case.
         beside: the name of the quantity with which it is drawn, dashed; "" if by itself.
+        otherwise: the name of what is drawn of a run without it, beside one with it; "" if nothing.
     """
 
     name: str
@@ -68,6 +69,7 @@ class Quantity:
     group: str = "Over time"
     logarithmic: bool = False
     beside: str = ""
+    otherwise: str = ""
 
     @property
     def is_of_joints(self) -> bool:

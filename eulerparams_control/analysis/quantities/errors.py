@@ -42,7 +42,7 @@ def _frames(recording: Recording, series: Series, against: str) -> Frames:
     1, "Orientation error", "orientation error [deg]",
     "Angle of the mutual rotation between the desired frame and the tip: that of the mutual "
     "quaternion in (27), whatever representation the controller uses. In kinematic control that of "
-    "the command, joint_reference; that of the arm itself is below.",
+    "the command, joint_reference; that of the arm itself has a plot of its own.",
     unit="deg", floor=1e-6,
 )  # fmt: skip
 @reduced("orientation_error", "deg", "orientation error", "peak", "final", "rms")
@@ -117,12 +117,12 @@ def _measured(of: Callable[..., Samples], recording: Recording) -> Samples:
 drawn(
     13, "Orientation error of the arm itself", "orientation error [deg]",
     "Angle between the desired frame and the tip as it was measured, joint_states.",
-    unit="deg", floor=1e-6, name="measured_orientation_error",
+    unit="deg", floor=1e-6, name="measured_orientation_error", otherwise="orientation_error",
 )(partial(_measured, orientation_error))  # fmt: skip
 drawn(
     13.5, "Position error of the arm itself", "position error [mm]",
     "Distance between the desired and the measured origin of the tip, joint_states.",
-    unit="mm", floor=1e-6, name="measured_position_error",
+    unit="mm", floor=1e-6, name="measured_position_error", otherwise="position_error",
 )(partial(_measured, position_error))  # fmt: skip
 drawn(
     6, "Position error of the motion loop", "|p_c - p_e| [mm]",
