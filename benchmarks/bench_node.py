@@ -172,11 +172,11 @@ class Answers:
     def _send(self, stamp: int) -> None:
         header = self._state.header.stamp
         header.sec, header.nanosec = divmod(stamp, 10**9)
+        self.expect(struct.pack("<iI", header.sec, header.nanosec), time.time_ns())
         if self._wrenches is not None:
             self._wrench.header.stamp = header
             self._wrench.wrench.force.x = 1e-12 * header.nanosec  # one that repeats itself is stuck
             self._wrenches.publish(self._wrench)
-        self.expect(struct.pack("<iI", header.sec, header.nanosec), time.time_ns())
         self._states.publish(self._state)
 
     def expect(self, stamp: bytes, sent: int) -> None:

@@ -102,12 +102,14 @@ def _imported(name: str, args: list[str] | None) -> int:
             file=sys.stderr,
         )
         return 2
+    collects = gc.isenabled()
     gc.disable()  # what is imported stays: to look for garbage in it takes more than 0.1 s
     try:
         program = import_module(executables()[name])
         gc.freeze()
     finally:
-        gc.enable()
+        if collects:
+            gc.enable()
     return int(program.main(args))
 
 
@@ -141,4 +143,6 @@ def whole_number(least: int = 0) -> Callable[[str], int]:
 
 if __name__ == "__main__":
     del sys.argv[0]  # the program is called by its name
+    if not {*sys.argv[:1]} & executables().keys():
+        sys.exit(f"error: expected the name of a program: {', '.join(sorted(executables()))}")
     sys.exit(_run(sys.argv[0]))

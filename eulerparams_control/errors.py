@@ -89,6 +89,12 @@ class FollowingError(EulerParamsError):
     )
 
 
+class OverloadError(FollowingError):
+    """The contact is larger than it may be."""
+
+    remedy = "free the tool, then send the reference again"
+
+
 class ContactError(FollowingError):
     """The controller feeds an oscillation of its contact."""
 

@@ -2,8 +2,11 @@
 
 import gc
 import io
+import subprocess
+import sys
 from importlib import import_module
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 from rich.console import Console
@@ -11,9 +14,11 @@ from rich.text import Text
 
 from eulerparams_control import command_line, events
 from eulerparams_control.command_line import executables, make_console, say
+from eulerparams_control.events import ExitCode
 from eulerparams_control.parameters.fields import fields_of
 from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.parameters.watchdog import WatchdogParameters
+from eulerparams_control.ros import runtime
 from eulerparams_control.tool.parameters import IdentifyToolParameters
 from sim_bridge.bridge_parameters import BridgeParameters
 
@@ -97,3 +102,18 @@ def test_garbage_is_looked_for_when_all_is_imported_but_not_in_that(monkeypatch)
     finally:
         gc.unfreeze()
     assert looks == [(False, False), (True, True)]
+
+
+def test_a_program_that_there_is_not_ends_with_the_names_of_those_that_there_are():
+    for given in ([], ["clk"]):
+        command = [sys.executable, "-m", "eulerparams_control.command_line", *given]
+        done = subprocess.run(command, check=False, capture_output=True, text=True)
+        assert done.returncode == 1
+        assert done.stderr.startswith("error: expected the name of a program: analyze, ")
+        assert "Traceback" not in done.stderr
+
+
+def test_an_argument_without_ros_args_before_it_is_refused():
+    code, text = runtime._run(Mock(), ["orientation:=euler_angles", "--ros-args"])
+    assert code is ExitCode.ERROR
+    assert "'orientation:=euler_angles' does nothing without --ros-args before it" in text

@@ -19,6 +19,7 @@ from tolerances import ALGEBRAIC, GUARD_ROUNDING, HELD, RELATIVE, assert_close
 
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.control.mode import Mode
+from eulerparams_control.control.references import References
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.clik import FEEDBACKS, Clik, ClikLaw
 from eulerparams_control.laws.dynamic_control import (
@@ -334,7 +335,7 @@ def test_while_the_speed_override_is_0_a_reference_moves_nothing():
 
 # --- references ---------------------------------------------------------------------------
 @pytest.mark.parametrize(
-    ("x", "angle"), [(0.2, 0.0), (-0.0501, 0.0), (0.0, 0.5), (0.0, -0.201), (3.0, 3.0)]
+    ("x", "angle"), [(0.2, 0.0), (-0.0501, 0.0), (0.0, 0.5), (0.0, -0.201), (0.5, 3.0)]
 )
 @pytest.mark.parametrize("as_trajectory", [False, True])
 def test_a_reference_that_begins_too_far_away_is_refused_with_numbers(x, angle, as_trajectory):
@@ -373,23 +374,50 @@ def test_a_trajectory_that_started_long_ago_is_refused_where_it_has_come_far_sin
         running.orders.follow(late, start)
 
 
-@pytest.mark.parametrize("kind", ["goal", "set-point", "trajectory"])
-def test_what_leads_where_the_arm_never_gets_is_refused(kind):
-    running, here, centre = controller(ANY_JUMP), pose_of(HOME), UR5.reach.centre
+def out_of(reach, way, frame):
+    """Return a frame so far from the first joint, in parts of the length of the links."""
+    return frame._replace(p_d=reach.centre + way * reach.radius * np.array([0.6, 0.0, 0.8]))
+
+
+@pytest.mark.parametrize(
+    "motion_to",
+    [
+        Goal,
+        lambda far: SetPoint(far, 0.1),
+        lambda far: Trajectory([0.0, 2.0, 4.0], [pose_of(HOME), far, pose_of(HOME)]),
+    ],
+    ids=["goal", "set-point", "trajectory"],
+)
+def test_what_leads_beyond_the_stretched_arm_is_refused_first(motion_to):
+    running = controller()
     running.step(T_0, HOME, STILL)
-    for way in (0.99 * UR5.reach.radius, 1.01 * UR5.reach.radius):
-        far = here._replace(p_d=centre + way * np.array([0.6, 0.0, 0.8]))
-        motion = {
-            "goal": Goal(far),
-            "set-point": SetPoint(far, 0.1),
-            "trajectory": Trajectory([0.0, 2.0, 4.0], [here, far, here]),
-        }[kind]
-        if way < UR5.reach.radius:
-            running.supervisor.references.refuse_unreachable(motion)
-            continue
-        with pytest.raises(InvalidMessageError, match=r"is 1\.252 m .* reaches 1\.240 m at most"):
-            running.orders.follow(motion, None)
-    assert not running.guidance.motion.waiting
+    for way in (1.02, math.nan):
+        with pytest.raises(InvalidMessageError, match="out of reach" if way > 1 else ""):
+            running.orders.follow(motion_to(out_of(UR5.reach, way, pose_of(HOME))), None)
+    assert_holds(running, T_0 + MS, HOME)
+    assert running.mode is Mode.HOLDING
+    running = controller(ANY_JUMP)
+    running.orders.follow(motion_to(out_of(UR5.reach, 0.99, pose_of(HOME))), None)
+    assert running.guidance.motion.waiting
+
+
+def test_where_the_desired_frame_is_beyond_the_arm_a_reference_may_be_no_farther_out():
+    references = References(math.inf, math.inf, UR5.reach)
+    here, back, farther = (out_of(UR5.reach, way, pose_of(HOME)) for way in (1.1, 1.05, 1.15))
+    for frame in (here, back):
+        references.refuse_jump(SetPoint(frame, 0.1), 0.0, here)
+        references.refuse_target(Goal(frame), here)
+    with pytest.raises(InvalidMessageError, match=r"it is 1\.426 m .* links are 1\.240 m long"):
+        references.refuse_jump(SetPoint(farther, 0.1), 0.0, here)
+
+
+def test_of_a_trajectory_that_is_late_only_what_is_to_come_has_to_be_within_reach():
+    references = References(math.inf, math.inf, UR5.reach)
+    here, far = pose_of(HOME), out_of(UR5.reach, 1.2, pose_of(HOME))
+    motion = Trajectory([0.0, 1.0, 2.0], [here, far, here])
+    references.refuse_jump(motion, 1.5, here)
+    with pytest.raises(InvalidMessageError, match="out of reach"):
+        references.refuse_jump(motion, 0.5, here)
 
 
 def test_a_reference_is_compared_with_the_present_desired_frame_and_not_with_the_start():

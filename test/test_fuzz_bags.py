@@ -28,7 +28,7 @@ from mcap.records import Schema
 from mcap.writer import CompressionType as Compression
 from mcap.writer import Writer
 from samples import examples
-from synthetic_runs import _TYPES, write_run
+from synthetic_runs import _TYPES, URDF, write_run
 
 from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.main import main
@@ -431,15 +431,15 @@ def unchanged(_topic: str, message: bytes) -> bytes:
 @pytest.fixture(scope="module")
 def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
     """Makes the MCAP file of a run without checksums, each of its messages changed."""
-    frames = [DesiredFrame(np.array([1.0, 0.0, 0.0]), np.eye(3))] * 15
-    q = [0.01 * i for i in range(15)]
+    frames = [DesiredFrame(np.array([1.0, 0.0, 0.0]), np.eye(3))] * 25
+    q = [0.01 * i for i in range(25)]
     folder = write_run(
         tmp_path_factory.mktemp("run") / "run",
         q,
         q,
-        efforts=[1.0] * 15,
+        efforts=[1.0] * 25,
         parameters={"orientation": "euler_parameters"},
-        wrenches=[[1.0] * 6] * 15,
+        wrenches=[[1.0] * 6] * 25,
         compliant=frames,
         began=5,
         lasting=0.1,
@@ -516,19 +516,40 @@ def test_a_bag_with_damaged_bytes_is_read_recovered_and_analysed_or_refused(
             act(tmp_path)
 
 
-@pytest.mark.parametrize("damaged", [r"\1 \2x", r"\1[] \2"], ids=["name", "type"])
-@pytest.mark.parametrize("topic", sorted(_TYPES.keys() - {"/target_wrench", "/diagnostics"}))
-def test_a_topic_whose_schema_is_not_that_of_its_type_is_left_out(topic, damaged, build, tmp_path):
+DAMAGE = {
+    "name": lambda text: re.sub(r"^([^#\s]+)\s+(\w+)\b", r"\1 \2x", text, count=1, flags=re.M),
+    "type": lambda text: re.sub(r"^([^#\s]+)\s+(\w+)\b", r"\1[] \2", text, count=1, flags=re.M),
+    "unknown type": lambda text: f"{text}\na/B x\n",
+    "nothing": lambda text: "",
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+@pytest.mark.parametrize("topic", sorted(_TYPES.keys() - {"/target_wrench"}))  # it is not read
+def test_a_topic_whose_schema_is_not_that_of_its_type_is_left_out(topic, damage, build, tmp_path):
     def definition(name: str) -> str:
         text = message_definition(_TYPES[name])
-        first = r"^([^#\s]+)\s+(\w+)\b"
-        return re.sub(first, damaged, text, count=1, flags=re.M) if name == topic else text
+        return DAMAGE[damage](text) if name == topic else text
 
     code = analysed(build(definition=definition), tmp_path)
     is_needed = topic in ("/joint_states", "/robot_description", "/reference")  # its tip frame
     assert code == (2 if is_needed else 0)
     if not code:
-        assert BagFlaw.LEFT_OUT in {flaw.kind for flaw in load(tmp_path / "x.mcap").warnings}
+        flaws = load(tmp_path / "x.mcap").warnings
+        assert [f.kind for f in flaws if topic in f.text] == [BagFlaw.LEFT_OUT]
+        return
+    with pytest.raises(BagError, match=topic):
+        load(tmp_path / "x.mcap")
+    if topic != "/joint_states":
+        assert len(load(tmp_path / "x.mcap", URDF, "tip", base_frame="base").measured.t) == 25
+
+
+def test_definitions_that_differ_by_their_comments_are_of_one_type(build, tmp_path):
+    data = build(definition=lambda name: f"# of {name}\n{message_definition(_TYPES[name])}")
+    for name, content in (("a", data), ("b", build())):
+        (tmp_path / f"{name}.mcap").write_bytes(content)
+    assert Bag(tmp_path).schema("/wrench").name == _TYPES["/wrench"]
+    assert not any(flaw.kind is BagFlaw.LEFT_OUT for flaw in load(tmp_path).warnings)
 
 
 @pytest.mark.parametrize("compression", Compression)

@@ -37,6 +37,7 @@ from tolerances import (
 )
 
 from eulerparams_control.control.controller import Controller, ControllerOptions
+from eulerparams_control.control.mode import Cause
 from eulerparams_control.errors import FollowingError
 from eulerparams_control.laws.compliant_frame import ComplianceLaw
 from eulerparams_control.laws.dynamic_control import (
@@ -554,6 +555,7 @@ def test_a_contact_that_is_too_large_is_a_fault_that_holds_the_arm(bound, w, tex
         command = controller.step(step * MS, q, STILL)
         assert bool(controller.fault) == (share == 1)
     assert re.search(text, controller.fault)
+    assert controller.why.cause is Cause.CONTACT_TOO_LARGE
     assert_close(command.frame.p_d, UR5.state(q, STILL).p_e, KINEMATICS)
     assert np.isfinite(command.effort).all()
     scheme.law.refuse_wrench(28.9, 28.9)  # is allowed

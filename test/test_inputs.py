@@ -182,6 +182,9 @@ def test_whose_joint_states_come_is_said_as_long_as_none_of_the_arm_do(world):
 def test_that_nobody_publishes_joint_states_is_said_until_a_robot_is_there(world):
     process = world.start("clik", {**FRAMES, "robot_description": UR5.urdf})
     words = "nobody publishes /joint_states: is a robot there?"
+    world.advance(4.0)
+    assert words not in process.log  # it may not be known yet who does
+    world.advance(3.0)
     world.until_said(process, words)
     world.peer.publisher(JointState, "joint_states")
     world.until(lambda: process.node.count_publishers("joint_states"), "the robot")
@@ -190,27 +193,45 @@ def test_that_nobody_publishes_joint_states_is_said_until_a_robot_is_there(world
     assert process.log.count(words) == said
 
 
+def test_a_warning_that_comes_again_with_other_numbers_is_logged_once_and_always_shown(world):
+    node = Controlled(world, "clik", FRAMES)
+    node.arm.ticks(20)
+    for jump in (0.3, 0.4, 0.5):
+        node.arm.tick(dt=jump)
+        node.status(lambda s, jump=jump: f"a jump of the stamps by {jump:g} s" in s.message)
+    assert node.process.log.count("a jump of the stamps") == 1
+
+
 # --- two robots ---------------------------------------------------------------------------------
-@pytest.mark.parametrize("offset", [0.0, 0.3])  # [rad] of the other arm
-def test_two_publishers_of_the_same_joints_stop_the_arm_and_both_are_named(world, offset):
+@pytest.mark.parametrize(  # of the other arm: where [rad] and how far ahead [ns] it is, its node
+    ("offset", "ahead", "name", "named"),
+    [
+        (0.0, -5_000_000, "rival", "/peer, /rival"),
+        (0.3, 500_000, "rival", "/peer, /rival"),
+        (0.0, 2_000_000_000, "peer", "/peer 2 times"),  # in the same place, by another clock
+    ],
+)
+def test_two_publishers_of_the_same_joints_stop_the_arm_and_both_are_named(
+    world, offset, ahead, name, named
+):
     node = Controlled(world, "clik", FRAMES)
     node.follow(reference(goal(), times=(2.0,)))
     node.arm.ticks(100)
-    rival = node.peer.another_node("rival")
+    rival = node.peer.another_node(name)
     others = rival.create_publisher(JointState, "joint_states", 10)
 
     def both(count: int) -> None:
         for k in range(count):
             if k % 30 == 0:
                 msg = node.arm.message(node.arm.q + offset)
-                msg.header.stamp = stamp_to_ros(node.arm.t + (500_000 if offset else -5_000_000))
+                msg.header.stamp = stamp_to_ros(node.arm.t + ahead)
                 others.publish(msg)
             node.arm.tick()
 
     both(100)
     status = node.status(lambda s: values(s)["cause"] == "two_publishers")
     assert values(status)["mode"] == "stopped"
-    assert "published by /peer, /rival" in status.message
+    assert f"published by {named}" in status.message
     both(600)
     node.references.publish(reference(DesiredFrame(*pose(node.arm.q)), goal(), times=(0.0, 1.0)))
     both(30)

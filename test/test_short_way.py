@@ -255,7 +255,7 @@ EVENTS = {
     "wrench lost": loses_its_wrench,
     "wrench lost and back": wrench_lost_and_back,
     "settled": lambda pair: pair.both(lambda side: side.orders.settle(Why())),
-    "contested": lambda pair: pair.both(lambda side: side.supervisor.contest(["a", "b"])),
+    "contested": lambda pair: pair.both(lambda side: side.supervisor.contest("a, b")),
 }
 
 

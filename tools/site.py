@@ -21,6 +21,7 @@ from eulerparams_control.control.mode import Cause, Why, why_of
 from eulerparams_control.errors import (
     ContactError,
     FollowingError,
+    OverloadError,
     SingularityError,
     UnsafeCommandError,
 )
@@ -116,11 +117,12 @@ def remedies() -> dict[str, str]:
         mode.leaps(0.2, 0.5),
         mode.stuck(""),
         mode.runs_away("elbow_joint", 9.0),
-        mode.contested(["a", "b"]),
+        mode.contested("a, b"),
         mode.too_slow(0.02, gain, 0.5, is_held=True),
         mode.restarted(0.5, 0.0, has_jumped=True),
         mode.restarted(0.0, 0.5, has_jumped=False),
-        *map(why_of, (SingularityError(), FollowingError(), ContactError(), UnsafeCommandError())),
+        *map(why_of, (SingularityError(), FollowingError(), ContactError(), OverloadError())),
+        why_of(UnsafeCommandError()),
         Why(Cause.DEFECT, remedy=mode.REPORT_IT),
         wrench_input.lost(""),
         wrench_input.STUCK,

@@ -8,7 +8,7 @@ from typing import Any
 
 from eulerparams_control.analysis.controllers import options_of, recorded
 from eulerparams_control.analysis.topics import JointStates, RecordedTopic
-from eulerparams_control.bags.columns import has_fields_of
+from eulerparams_control.bags.columns import have_same_fields
 from eulerparams_control.bags.format import BagFlaw, BagWarning
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.bags.writer import message_definition
@@ -26,7 +26,8 @@ from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
 
 TYPES = {name: kind.type for name, kind in RecordedTopic.registry.items()}
-TYPES["robot_description"] = "std_msgs/msg/String"
+_DESCRIPTION = "robot_description"
+TYPES[_DESCRIPTION] = "std_msgs/msg/String"
 """Topics that are read of a bag, by their names in sec. 4 of the design, with their types."""
 
 _SHARED = ("diagnostics", "robot_description")  # one may be for all arms
@@ -84,6 +85,20 @@ def _playing(bag: Bag, name: str) -> list[str]:
         for topic, info in bag.topics.items()
         if topic.rpartition("/")[2] == name and info.type == TYPES[name] and info.count
     ]
+
+
+def _strangeness(bag: Bag, topic: str, kind: str) -> str:
+    """Return why the messages of a topic are not those of a type; "" if they are."""
+    try:
+        definition = message_definition(kind).encode()
+    except BagError:  # it is not installed here: the bag is believed
+        return ""
+    try:
+        if have_same_fields(bag.schema(topic), definition):
+            return ""
+    except BagError as error:
+        return str(error)
+    return f"it has other fields in this bag than {kind} has: is its schema damaged?"
 
 
 def _named(bag: Bag, name: str, topic: str) -> str:
@@ -156,24 +171,26 @@ class Arm:
         self.flaws: dict[BagWarning, None] = {}
         self._leave_out_strange()
         self.orientation = self._options_of_orientation()
-        self.urdf = options.urdf or bag.robot_description(self.topics.get("robot_description"))
+        self.urdf = options.urdf or bag.robot_description(self.topics.get(_DESCRIPTION))
         self.robot = self._make_robot()
 
     def _leave_out_strange(self) -> None:
-        """Leave out the topics whose messages have other fields than their type."""
+        """Leave out the topics whose messages have other fields than their type.
+
+        Raises:
+            BagError: of one that was named, or that nothing can be done without.
+        """
+        needed = {JointStates.name, *self._options.names}
+        if self._options.urdf:
+            self.topics.pop(_DESCRIPTION, None)
+        else:
+            needed.add(_DESCRIPTION)
         for name, topic in tuple(self.topics.items()):
-            schema = self._bag.schema(topic)
-            try:
-                definition = message_definition(TYPES[name])
-            except BagError:  # it is not installed here: the bag is believed
-                continue
-            if has_fields_of(schema, definition):
-                continue
-            text = f"{topic} has other fields in this bag than {TYPES[name]} has"
-            if name == JointStates.name:
-                raise BagError(f"{self._bag.path}: {text}: is its schema damaged?")
-            self.warn(BagFlaw.LEFT_OUT, f"{text}: it is left out")
-            del self.topics[name]
+            if why := _strangeness(self._bag, topic, TYPES[name]):
+                if name in needed:
+                    raise BagError(f"{self._bag.path}: {topic} cannot be read: {why}")
+                self.warn(BagFlaw.LEFT_OUT, f"{topic} is left out: {why}")
+                del self.topics[name]
 
     def _make_robot(self) -> Robot:
         options = self._options
@@ -220,9 +237,10 @@ class Arm:
             if "tip_frame" in values:
                 return str(values.get("base_frame", "")), str(values["tip_frame"])
         if not self._options.tip_frame:
+            told = "".join(f" ({flaw.text})" for flaw in self.flaws)
             raise BagError(
-                f"{self._bag.path}: nothing in it names the tip frame; give it with --tip-frame, "
-                "and with --base-frame what poses refer to"
+                f"{self._bag.path}: nothing in it names the tip frame{told}; give it with "
+                "--tip-frame, and with --base-frame what poses refer to"
             )
         return "", ""
 

@@ -73,17 +73,23 @@ def check_schema(schema: Schema) -> None:
     _types(schema.name, schema.data)
 
 
-def has_fields_of(schema: Schema, definition: str) -> bool:
+def have_same_fields(schema: Schema, definition: bytes) -> bool:
     """Return whether a schema has the fields that a definition of its type says.
 
+    Comments, constants and defaults may differ.
+
     Args:
-        schema: ros2msg.
-        definition: as :func:`eulerparams_control.bags.writer.message_definition` has it.
+        schema: of a bag.
+        definition: ros2msg.
 
     Raises:
-        BagError: if one of them cannot be understood.
+        BagError: if the schema is of another encoding, or cannot be understood.
     """
-    return _types(schema.name, schema.data) == _types(schema.name, definition.encode())
+    if schema.encoding != "ros2msg":
+        raise BagError(
+            f"the schema of {schema.name} is {schema.encoding or 'empty'}; only ros2msg can be read"
+        )
+    return _types(schema.name, schema.data) == _types(schema.name, definition)
 
 
 def check(schema: Schema, message: bytes) -> None:

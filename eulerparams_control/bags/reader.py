@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
-from eulerparams_control.bags.columns import check, check_schema
+from eulerparams_control.bags.columns import check, check_schema, have_same_fields
 from eulerparams_control.bags.format import (
     PARAMETERS_ATTACHMENT,
     BagFlaw,
@@ -160,13 +160,14 @@ class Bag:
                     found[schema.name, schema.encoding, schema.data] = schema
         if not found:
             raise BagError(f"{self.path} does not say what the messages of {topic} are")
-        if len(found) > 1:
+        first, *others = found.values()
+        if not all(_are_alike(first, other) for other in others):
             names = ", ".join(sorted({name for name, _, _ in found}))
             raise BagError(
                 f"{self.path}: {topic} has {len(found)} definitions that differ, of {names}; "
                 "read its files one by one"
             )
-        return next(iter(found.values()))
+        return first
 
     def decode(self, message: RawMessage) -> Any:
         """Return the fields of a message as attributes.
@@ -277,6 +278,16 @@ class Bag:
             tail = f"; its last {scan.unread} bytes are incomplete" if scan.unread else ""
             text = f"{scan.path}: was not finished{tail}"
             self._flaws[BagWarning(BagFlaw.UNFINISHED, text)] = None
+
+
+def _are_alike(one: Schema, other: Schema) -> bool:
+    """Return whether two definitions are of the same type, with the same fields."""
+    if (one.name, one.encoding) != (other.name, other.encoding):
+        return False
+    try:
+        return one.data == other.data or have_same_fields(one, other.data)
+    except BagError:  # one of them is damaged
+        return False
 
 
 def _is_description(name: str, info: TopicInfo) -> bool:

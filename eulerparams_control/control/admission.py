@@ -354,7 +354,8 @@ class Admission:
         is_silence, is_same_arm = silence > self._timeout, not code & judge.MOVED
         # by the stamps alone a silence and a clock that was set forward look the same
         is_heard = not is_silence and (dt < 0 or at.receipt is not None)
-        if not is_same_arm and not is_silence:
+        # two robots jump to and fro, also where both are in the same place
+        if not is_silence and (dt < 0 or not is_same_arm):
             self.conflicts.append(at.seconds)
         why = restarted(dt, silence, not 0 <= dt <= self._timeout)
         jump, acts = round((dt - usual) * 1e9), is_heard and is_same_arm

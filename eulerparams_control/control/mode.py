@@ -1,7 +1,6 @@
 """The modes of a controller, what changes them, and the table of transitions."""
 
 import math
-from collections.abc import Sequence
 from enum import Enum, IntEnum, StrEnum, auto
 from typing import NamedTuple
 
@@ -9,6 +8,7 @@ from eulerparams_control.errors import (
     ContactError,
     EulerParamsError,
     FollowingError,
+    OverloadError,
     SingularityError,
     UnsafeCommandError,
 )
@@ -48,6 +48,7 @@ class Cause(StrEnum):
     NEVER_BEGINS = "never_begins"  # set-points come, stamped too far ahead
     SINGULARITY = "singularity"
     NOT_FOLLOWING = "not_following"  # the arm does not follow its commands
+    CONTACT_TOO_LARGE = "contact_too_large"  # more than max_contact_force or max_contact_torque
     UNSAFE_COMMAND = "unsafe_command"
     ARM_MOVED = "arm_moved"  # before the motion began
     STAMP_STUCK = "stamp_stuck"  # states change, or go on, under one stamp
@@ -223,11 +224,11 @@ def runs_away(joint: str, speed: float) -> Why:
     )
 
 
-def contested(names: Sequence[str]) -> Why:
+def contested(names: str) -> Why:
     """Return why an arm is held of which nodes of these names publish states in turns."""
     return Why(
         Cause.TWO_PUBLISHERS,
-        f"joint_states contradict each other, and are published by {', '.join(names)}",
+        f"joint_states contradict each other, and are published by {names}",
         f"end all but the driver of the robot; then {AGAIN}",
     )
 
@@ -270,6 +271,7 @@ def why_of(error: EulerParamsError) -> Why:
     causes = (
         (SingularityError, Cause.SINGULARITY),
         (ContactError, Cause.CONTACT_OSCILLATES),
+        (OverloadError, Cause.CONTACT_TOO_LARGE),
         (FollowingError, Cause.NOT_FOLLOWING),
         (UnsafeCommandError, Cause.UNSAFE_COMMAND),
     )

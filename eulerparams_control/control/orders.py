@@ -54,7 +54,7 @@ class Orders:
         if guidance.is_braking and was_halted:
             raise InvalidMessageError("the arm brakes; send it when it is at rest")
         if isinstance(motion, (Goal, Jog)):
-            references.refuse_target(motion)
+            references.refuse_target(motion, here)
         else:
             references.refuse_jump(motion, clock.late(start), here)
         if was_halted:  # only now: what is refused does not move what is held

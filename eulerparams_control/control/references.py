@@ -1,6 +1,8 @@
 """Admission of references: none that leaps, none that went on through a fault."""
 
 import math
+from bisect import bisect_left
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,8 +18,8 @@ from eulerparams_control.robot.robot import Reach
 # How far ahead [s] a reference may start: further, the two clocks are not the same.
 _MAX_AHEAD = 3600.0
 
-# A stretched arm reaches this much [m] of rounding beyond its reach.
-_ROUNDING = 1e-9
+# A stretched arm is measured, and told, this much [m] beyond its reach.
+_ROOM = 0.01
 
 # After a fault references are followed again when they have paused this long [s].
 _PAUSE = 0.5
@@ -61,8 +63,13 @@ class References:
                 f"{held}; call ~/resume, or send nothing for {_PAUSE} s, then again"
             )
 
-    def refuse_target(self, target: Goal | Jog) -> None:
-        """Raise InvalidMessageError for a target that is not finite, or out of reach."""
+    def refuse_target(self, target: Goal | Jog, here: DesiredFrame) -> None:
+        """Raise InvalidMessageError for a target that is not finite, or out of reach.
+
+        Args:
+            target: that comes.
+            here: the present desired frame.
+        """
         if isinstance(target, Jog):
             values = target.twist
         else:
@@ -70,19 +77,22 @@ class References:
         if not np.isfinite(values).all():
             raise InvalidMessageError(f"the target is {values.tolist()}; expected finite values")
         if isinstance(target, Goal):
-            self.refuse_unreachable(target)
+            self._refuse_unreachable(target.frames, here)
 
-    def refuse_unreachable(self, motion: Goal | Trajectory | SetPoint) -> None:
-        """Raise InvalidMessageError if a motion leads where the arm never gets."""
-        places = np.array([frame.p_d for frame in motion.frames])
-        beyond = self.reach.beyond(places)
-        k = int(np.argmax(beyond))
-        if beyond[k] > _ROUNDING:
-            raise InvalidMessageError(
-                f"the position {np.round(places[k], 3).tolist()} is out of reach: it is "
-                f"{beyond[k] + self.reach.radius:.3f} m from the first joint of the arm, which "
-                f"reaches {self.reach.radius:.3f} m at most; expected metres, in the base frame"
-            )
+    def _refuse_unreachable(self, frames: Iterable[DesiredFrame], here: DesiredFrame) -> None:
+        """Raise InvalidMessageError if one of these frames is where the arm never gets.
+
+        What is no farther out than the present desired frame leads back.
+        """
+        reach = self.reach
+        most = max(reach.radius, reach.distance(here.p_d)) + _ROOM
+        for frame in frames:
+            if not (way := reach.distance(frame.p_d)) <= most:
+                raise InvalidMessageError(
+                    f"the position {frame.p_d.round(3).tolist()} is out of reach: it is {way:.3f} "
+                    "m from the first joint of the arm, whose links are "
+                    f"{reach.radius:.3f} m long; expected metres, in the base frame"
+                )
 
     def jumps(self, here: DesiredFrame, there: DesiredFrame) -> bool:
         """Return whether a frame is farther from another than a reference may jump."""
@@ -101,6 +111,10 @@ class References:
             raise InvalidMessageError(
                 f"the reference starts {-late:.0f} s after joint_states; are their clocks the same?"
             )
+        points = motion.frames
+        if isinstance(motion, Trajectory):  # what is over is not followed
+            points = points[min(bisect_left(motion.times, late), len(points) - 1) :]
+        self._refuse_unreachable(points, here)
         try:
             there = _farthest(motion, here, max(0.0, late))
         except SingularityError as error:
@@ -116,7 +130,6 @@ class References:
                 "first point a time_from_start > 0, or raise max_jump_position and "
                 "max_jump_rotation"
             )
-        self.refuse_unreachable(motion)
 
     def _refuse_leap(self, motion: SetPoint) -> None:
         """Raise InvalidMessageError if the twist of a set-point leads farther than it may jump."""

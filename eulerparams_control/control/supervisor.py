@@ -1,7 +1,6 @@
 """The mode of a controller, and its changes by the measured states."""
 
 import math
-from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 
@@ -199,7 +198,7 @@ class Supervisor:
         elif motion.is_stalled(t):
             self.change(ModeEvent.FAULT, NEVER_BEGINS)
 
-    def contest(self, names: Sequence[str]) -> None:
+    def contest(self, names: str) -> None:
         """Hold from the next state on, as nodes of these names publish states in turns."""
         if self.mode.why.cause is not Cause.TWO_PUBLISHERS:
             self.change(ModeEvent.FAULT, contested(names))

@@ -25,7 +25,6 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache, cached_property, update_wrapper, wraps
 from pathlib import Path
-from threading import RLock
 from types import FunctionType
 from typing import Annotated, Any, NamedTuple, cast, get_args, get_type_hints
 
@@ -66,10 +65,9 @@ _KEPT = 14 * 86400.0  # [s] that what is compiled for a state of these files sta
 
 if IS_COMPILED:
     import numba
+    import numba.core.compiler_lock
     import numba.core.event
     import numba.extending
-
-_COMPILING = RLock()  # numba has one cache folder for all threads; a compilation leads to others
 
 _ATOMS: dict[type, tuple[str, ...]] = {}  # kinds of values that are a row of floats
 
@@ -495,7 +493,7 @@ def _njit(function: Callable[..., Any], *signatures: Any) -> Any:
     """Return a function compiled for these types now, or for any as they come."""
     options = {"cache": _is_ours(function), "error_model": "numpy", "no_cfunc_wrapper": True}
     options["no_cpython_wrapper"] = not signatures  # Python calls entries only
-    with _COMPILING:
+    with numba.core.compiler_lock.global_compiler_lock:  # the folder is that of all threads
         before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, cache_folder()
         try:
             compiled = numba.njit(list(signatures) or None, **options)(function)
@@ -574,14 +572,20 @@ def cache_folder() -> str:
             "again, for half a minute or more; set NUMBA_CACHE_DIR to a folder that can be written",
             stacklevel=2,
         )
-        own = tempfile.TemporaryDirectory(prefix="eulerparams_control_")
-        atexit.register(own.cleanup)
-        return own.name
+        own = tempfile.mkdtemp(prefix="eulerparams_control_")
+        atexit.register(_remove, own, os.getpid())
+        return own
     for old in root.glob("?" * len(state)):
         with suppress(OSError):  # another process may do the same
             if time.time() - old.stat().st_mtime > _KEPT:
                 shutil.rmtree(old, ignore_errors=True)
     return str(folder)
+
+
+def _remove(folder: str, owner: int) -> None:
+    """Remove a folder at the end of the process that made it, not of one that was forked."""
+    if os.getpid() == owner:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 if IS_COMPILED:

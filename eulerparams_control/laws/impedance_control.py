@@ -15,7 +15,12 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from eulerparams_control.errors import ConfigurationError, ContactError, FollowingError
+from eulerparams_control.errors import (
+    ConfigurationError,
+    ContactError,
+    FollowingError,
+    OverloadError,
+)
 from eulerparams_control.laws.blend import Blend, blend, kept
 from eulerparams_control.laws.compiled import (
     NONE,
@@ -201,13 +206,13 @@ class ImpedanceLaw:
         return self.ripple_force, self.ripple_moment, law.translation, law.rotation
 
     def refuse_wrench(self, force: float, moment: float) -> None:
-        """Raise FollowingError for a contact of a force [N] or moment [Nm] that is too large."""
+        """Raise OverloadError for a contact of a force [N] or moment [Nm] that is too large."""
         for size, most, unit, name in (
             (force, self.max_force, "N", "max_contact_force"),
             (moment, self.max_moment, "Nm", "max_contact_torque"),
         ):
             if not size <= most:
-                raise FollowingError(
+                raise OverloadError(
                     f"the contact is {size:.3g} {unit}; at most {most:g} {unit} is allowed: free "
                     f"the tool, then send the reference again, or raise {name}"
                 )

@@ -281,13 +281,16 @@ def _check_frames(msg: Any, base_frame: str, tip_frame: str) -> None:
 
 
 def _frame_from_ros(point: Any, index: int) -> DesiredFrame:
-    for name, count, most in (
+    for name, count, least in (
         ("transforms", len(point.transforms), 1),
-        ("velocities", len(point.velocities), 1),
-        ("accelerations", len(point.accelerations), 1),
+        ("velocities", len(point.velocities), 0),
+        ("accelerations", len(point.accelerations), 0),
     ):
-        if count > most or (name == "transforms" and count != 1):
-            raise InvalidMessageError(f"point {index} of the reference has {count} {name}")
+        if not least <= count <= 1:
+            raise InvalidMessageError(
+                f"point {index} of the reference has {count} {name}; expected "
+                f"{'1' if least else '0 or 1'}: that of the tip"
+            )
     transform = point.transforms[0]
     vectors = [
         vector_from_ros(transform.translation),

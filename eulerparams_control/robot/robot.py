@@ -27,6 +27,9 @@ _EXACT = 1e-9
 # The characteristic length of an arm, of its reach.
 _OF_REACH = 0.8
 
+# No arm reaches farther [m], whatever the limits of its rail say.
+_FARTHEST = 100.0
+
 _LINK = pin.FrameType.BODY  # a joint may have the name of a link
 
 
@@ -41,10 +44,9 @@ class Reach(NamedTuple):
     centre: Array
     radius: float
 
-    def beyond(self, p: Array) -> Array:
-        """Return by how much [m] positions (..., 3) are outside; 0 or less: they are not."""
-        out: Array = np.linalg.norm(p - self.centre, axis=-1) - self.radius
-        return out
+    def distance(self, p: Array) -> float:
+        """Return the distance [m] of a position (3,) from the first joint."""
+        return math.dist(p, self.centre)
 
 
 class RobotState(NamedTuple):
@@ -372,7 +374,7 @@ class Robot:
         lower, upper = self.limits.lower[slides], self.limits.upper[slides]
         ranges = upper - lower
         length = stretched + float(ranges[np.isfinite(ranges)].sum())
-        radius = stretched + float(np.maximum(abs(lower), abs(upper)).sum())
+        radius = min(stretched + float(np.maximum(abs(lower), abs(upper)).sum()), _FARTHEST)
         first = self._base.actInv(placements[1]).translation
         return _OF_REACH * length if length > 0 else 1.0, Reach(first, radius)
 

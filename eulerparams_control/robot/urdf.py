@@ -307,9 +307,23 @@ def _check_joint(name: str, joint: ET.Element) -> None:
         axis = joint.find("axis")
         if axis is not None and not any(numbers(axis, "xyz", "1 0 0")) and kind in MOVING:
             raise RobotError("its axis is zero; expected a direction")
+        _check_limit(kind, joint.find("limit"))
     except RobotError as error:
         raise RobotError(f"joint '{name}': {error}") from error
     joint_limits(joint)
+
+
+def _check_limit(kind: str, limit: ET.Element | None) -> None:
+    """Raise RobotError if a joint that moves lacks what Pinocchio and PyBullet ask for."""
+    if kind not in MOVING or (kind == "continuous" and limit is None):
+        return
+    stated = {} if limit is None else limit.attrib
+    if lacks := [name for name in ("effort", "velocity") if name not in stated]:
+        what = "<limit> is missing" if limit is None else f"<limit> has no {' and no '.join(lacks)}"
+        raise RobotError(
+            f"its {what}; expected <limit lower=... upper=... effort=... velocity=.../> of a joint "
+            f"that is {kind} (one that turns without end is continuous)"
+        )
 
 
 def joint_limits(joint: ET.Element) -> Limits:

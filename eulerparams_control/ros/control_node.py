@@ -14,6 +14,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from eulerparams_control.control.clock import steady
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.mode import Why
 from eulerparams_control.control.orders import Orders
@@ -25,13 +26,16 @@ from eulerparams_control.messages.markers import Stiffness
 from eulerparams_control.parameters.schemes import SchemeInfo
 from eulerparams_control.ros.control_report import ControlReport
 from eulerparams_control.ros.managed_node import ManagedNode
-from eulerparams_control.ros.publishers import publishers_of
+from eulerparams_control.ros.publishers import in_words, names_of_publishers
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED
 from eulerparams_control.ros.targets import Leaders, Topics
 from eulerparams_control.ros.views import ArmView, Views
 
 # The ages are looked at again after this time [s] at the earliest.
 _LEAST_WATCH = 0.02
+
+# Time [s] after which publishers that are there are known.
+_DISCOVERY = 5.0
 
 # Number of other robots' joints that are named.
 _SHOWN = 5
@@ -48,6 +52,7 @@ class ControlNode(ManagedNode):
         self._period = int(1e9 / rate) if rate > 0 else 0  # of ~/pose and the like [ns]
         self._health.check, self._health.gather = self._once_a_second, self._gather
         self._shown: Tick | None = None
+        self._began = steady.now()
         self._views = Views(
             self, self._health, self._params.publish_tf, self._look, self.stiffness_of
         )
@@ -183,9 +188,9 @@ class ControlNode(ManagedNode):
     def _see_rivals(self, controller: Controller) -> None:
         """Stop the arm if states contradict each other, and two nodes publish them."""
         if controller.admission.is_contested:
-            names = publishers_of(self, self._states.topic_name)
+            names = names_of_publishers(self, self._states.topic_name)
             if len(names) > 1:
-                controller.supervisor.contest(sorted(names))
+                controller.supervisor.contest(in_words(names))
 
     def _hears(self) -> bool:
         """Return whether as many listen to the commands as have to."""
@@ -275,7 +280,8 @@ class ControlNode(ManagedNode):
     def _once_a_second(self) -> None:
         """Gather what /diagnostics shows once a second."""
         self._health.values.update(self._input.read() | self.values_now())
-        if self._input.measured is None and not self._states.get_publisher_count():
+        is_late = steady.now() - self._began > _DISCOVERY
+        if is_late and self._input.measured is None and not self._states.get_publisher_count():
             self._health.complain(f"nobody publishes {self._states.topic_name}: is a robot there?")
         if self._controller is None:
             return

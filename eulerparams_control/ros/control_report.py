@@ -25,7 +25,7 @@ from eulerparams_control.messages.to_ros import (
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.parameters.common import ControlParameters
 from eulerparams_control.ros import diagnostics
-from eulerparams_control.ros.publishers import publishers_of
+from eulerparams_control.ros.publishers import in_words, names_of_publishers
 from eulerparams_control.ros.state_input import StateInput
 
 Values = dict[str, str | int | float]
@@ -83,13 +83,16 @@ class ControlReport:
         resets = controller.supervisor.resets
         again, self._restarts = resets - self._restarts, resets
         if again > 1 and not controller.supervisor.rate.is_too_low:
-            names = sorted(publishers_of(self._node, states_topic))
-            why = "is a computer too busy, or was its clock set?"
+            names = names_of_publishers(self._node, states_topic)
+            why = (
+                "is a computer too busy (then let the robot run at a lower rate, or a simulated "
+                "one in lock-step with use_sim_time), or was its clock set?"
+            )
             if len(names) > 1:
                 why = "expected one robot."
             self._health.complain(
                 f"joint_states have jumped {again} times in the last second: {why} They are "
-                f"published by {', '.join(names)}",
+                f"published by {in_words(names)}",
                 error=True,
                 about="restarts",
             )

@@ -99,7 +99,9 @@ class Health:
         if level == OK:
             self._node.get_logger().info(message)
         else:
-            self.complain(message, error=level == ERROR)
+            # one that comes again and again, with other numbers, does not hide the rest
+            about = f"{mode} {cause}" if level == WARN and cause else ""
+            self.complain(message, error=level == ERROR, about=about)
         self._status_publisher.publish(self._status(level, message, self._state()))
         self.publish()
 

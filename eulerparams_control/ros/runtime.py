@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from itertools import takewhile
 from pathlib import Path
 from typing import cast
 
@@ -68,11 +69,20 @@ def run(
 
 def _run(make_node: Callable[[], Node], args: list[str] | None) -> tuple[ExitCode, str]:
     """Run the node; return the exit code, and what was wrong."""
+    own = sys.argv[1:] if args is None else args
+    loose = takewhile(lambda arg: arg != "--ros-args", own)
+    if misplaced := next((arg for arg in loose if ":=" in arg), ""):
+        return ExitCode.ERROR, (
+            f"'{misplaced}' does nothing without --ros-args before it: a parameter is given as "
+            "--ros-args -p NAME:=VALUE, another name of a topic as --ros-args -r FROM:=TO"
+        )
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except (RCLError, UnknownROSArgsError) as error:  # a parameter file that is not there, say
         text = " ".join(str(error).partition(", at /")[0].split())
-        return ExitCode.ERROR, f"{text}; in the folder {Path.cwd()}"
+        return ExitCode.ERROR, (
+            f"{text}; in the folder {Path.cwd()}; a parameter is given as -p NAME:=VALUE"
+        )
     if unknown := remove_ros_args(args)[1 if args is None else 0 :]:
         return ExitCode.ERROR, (
             f"unknown argument '{unknown[0]}'; parameters are given as --ros-args -p NAME:=VALUE "

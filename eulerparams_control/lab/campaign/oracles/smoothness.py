@@ -82,7 +82,8 @@ def tip_smooth(record: SequenceRecord) -> Found:
     Nor when it gives up an arm that does not follow: the commands go back to where that is, joint
     by joint, and the arm itself goes nowhere.
     """
-    lost = [said.t for said in record.said if said.cause == Cause.NOT_FOLLOWING]
+    given_up_for = Cause.NOT_FOLLOWING, Cause.CONTACT_TOO_LARGE
+    lost = [said.t for said in record.said if said.cause in given_up_for]
     given_up = [(t, t + _SETTLING) for t in lost]
     paths = (
         [TipSample(c.t, c.stamp, c.q) for c in run if low <= c.t <= high]
