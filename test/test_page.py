@@ -166,6 +166,21 @@ def test_every_verdict_is_on_the_page_if_there_are_any(page, tmp_path):
     assert "<h1>Largest orientation error: " in without
 
 
+def test_predictions_have_a_column_where_a_criterion_has_one(tmp_path, page):
+    def columns(text: str) -> tuple[list[str], list[str]]:
+        table = text[text.index('<table class="criteria">') :].partition("</table>")[0]
+        row = re.findall("<tr.*?</tr>", table, re.DOTALL)[1]
+        return re.findall("<th [^>]*>(.*?)</th>", table), re.findall("<td.*?>(.*?)</td>", row)
+
+    without = page_of(tmp_path, [digest_of(tmp_path / "run")], "", "", [MISSED])
+    names, values = columns(without)
+    assert names == ["criterion", "run", "measured", "bound", "met"]
+    assert values == ["joint speed", "wild / calm", "2.50e8", "&lt; 10", "✗ no"]
+    names, values = columns(page)
+    assert names == ["criterion", "run", "predicted", "measured", "bound", "met"]
+    assert values[2:4] == ["about 5", "5.73 deg"]
+
+
 def test_the_peak_of_one_sample_is_drawn_beside_the_calm_run(page):
     error, speed = figures_of(page)[:2]
     calm, wild = (array(trace["y"]) for trace in error["data"])

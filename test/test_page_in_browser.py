@@ -472,6 +472,18 @@ def test_nothing_sticks_out_of_a_narrow_window(page):
     assert outside == 0
 
 
+def test_on_a_telephone_the_runs_scroll_away_with_the_page(page):
+    def top() -> float:
+        return float(page.evaluate("document.querySelector('.bar').getBoundingClientRect().top"))
+
+    page.evaluate("scrollTo(0, document.body.scrollHeight)")
+    assert top() == 0
+    page.set_viewport_size({"width": 420, "height": 800})
+    page.evaluate("scrollTo(0, document.body.scrollHeight)")
+    assert top() < -1000
+    assert page.evaluate("document.documentElement.scrollWidth") <= 420
+
+
 def test_without_webgl_there_is_a_message_and_all_the_rest(browser, file):
     nothing = "HTMLCanvasElement.prototype.getContext = () => null;"
     page, seen = opened(browser, file, nothing)
