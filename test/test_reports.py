@@ -9,7 +9,15 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from rclpy.serialization import serialize_message
 from synthetic_runs import _START as START
-from synthetic_runs import DISTANCE, PERIOD_NS, arms_together, topics_of, write_messages, write_run
+from synthetic_runs import (
+    DISTANCE,
+    PERIOD_NS,
+    arms_together,
+    rewritten,
+    topics_of,
+    write_messages,
+    write_run,
+)
 
 from eulerparams_control.analysis.arm import Options
 from eulerparams_control.analysis.digest import Digest
@@ -307,6 +315,19 @@ def test_what_was_made_of_a_reference_is_compared_with_it(tmp_path, rate, part, 
     for name, value in (("pace", 1.0), ("slowed", rate), ("saturation", 7.0)):
         (curve,) = digest.curves[name]
         assert (curve.t[0], set(curve.y.tolist())) == (pytest.approx(0.2), {value})
+
+
+@pytest.mark.parametrize("size", [0, 15, 30])
+def test_without_a_reference_errors_are_those_against_what_was_made(tmp_path, size):
+    made = write_made(tmp_path, 1.0, 0.5)
+    bag = rewritten(made, tmp_path / "other", lambda *_: None, topic="/reference")
+    digest = Digest.of_parts(blocks(bag, Options(tip_frame="tip"), size=size))
+    assert [one.kind for one in digest.warnings] == [BagFlaw.INCOMPLETE]
+    assert "errors are those against ~/desired" in digest.warning
+    (error,) = digest.curves["position_error"]
+    assert np.nanmax(error.y) == pytest.approx(1e3 * DISTANCE / 2, rel=0.01)  # near its end
+    assert "tip_speed" in digest.curves
+    assert "asked_speed" not in digest.curves  # nobody knows
 
 
 @pytest.mark.parametrize("sent", [(), ("/target_pose",), tuple(TARGETS)])

@@ -275,8 +275,16 @@ class _Reader:
         state = self._arm.robot.state(q[0], np.zeros(n))
         return DesiredFrame(state.p_e, state.R_e)
 
+    @property
+    def _follows_desired(self) -> bool:
+        """Whether only ~/desired tells the desired frame: no reference was recorded."""
+        return SentReferences.name not in self._topics and len(self._topics.get("desired", ())) > 0
+
     def _check(self) -> None:
         """Warn if a topic ends before joint_states, or a trajectory may be late."""
+        if self._follows_desired:
+            text = "no reference was recorded: errors are those against ~/desired"
+            self._arm.warn(BagFlaw.INCOMPLETE, text)
         last = self._states.stamp(len(self._states) - 1)
         for name, topic in self._timed():
             latest = topic.stamp(len(topic) - 1) if len(topic) else None
@@ -348,6 +356,8 @@ class _Reader:
         stamps = [found.stamp for found in (*taken.values(), measured) if found is not None]
         own = np.unique(np.concatenate(stamps))
         frames = self._desired.at(own)
+        if self._follows_desired and (made := taken.get("desired")):
+            frames = Frames(*made.values).at(made.stamp, own)
         if shaped := taken.get("desired"):  # those before were in the last part
             shaped = shaped.take(shaped.stamp >= begin) if first else shaped
             taken["desired"] = self._within(shaped, "desired")
@@ -402,7 +412,9 @@ class _Reader:
                 made = topic.series(rows, t, frames.at(own, rows.stamp))
                 (fields if topic.field else others)[topic.field or name] = made
         if shaped := fields.get("shaped"):
-            fields["shaped"] = replace(shaped, rates=said[1])
+            unknown = Frames.nowhere(len(shaped.t))
+            asked = unknown if self._follows_desired else shaped.asked
+            fields["shaped"] = replace(shaped, asked=asked, rates=said[1])
             self._departure.take(fields["shaped"])
         return Recording(
             self._bag.path,

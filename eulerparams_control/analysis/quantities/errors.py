@@ -127,13 +127,13 @@ drawn(
 drawn(
     6, "Position error of the motion loop", "|p_c - p_e| [mm]",
     "Distance between the compliant and the actual origin of the tip: what the inner motion "
-    "loop (49) of Fig. 3 leaves. The position error above is that to the desired frame.",
+    "loop (49) of Fig. 3 leaves. It is not the error to the desired frame.",
     unit="mm", floor=1e-6, name="motion_loop_position",
 )(partial(position_error, against="compliant"))  # fmt: skip
 drawn(
     6.5, "Orientation error of the motion loop", "angle of R_e' R_c [deg]",
     "Angle between the compliant and the actual frame: what the inner motion loop (50), (51) "
-    "of Fig. 3 leaves. The orientation error above is that to the desired frame.",
+    "of Fig. 3 leaves. It is not the error to the desired frame.",
     unit="deg", floor=1e-6, name="motion_loop_orientation",
 )(partial(orientation_error, against="compliant"))  # fmt: skip
 

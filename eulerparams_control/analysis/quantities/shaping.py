@@ -27,7 +27,8 @@ def _draw_speed(place: float, of: str, column: str, what: str, unit: str, *title
         with np.errstate(over="ignore", invalid="ignore"):
             speeds = {name: np.linalg.norm(rate, axis=1) for name, rate in rates.items()}
         moves = any((speed > _REST).any() for speed in speeds.values())
-        return (shaped.t, speeds[of]) if moves else _NOTHING
+        is_known = not np.isnan(speeds[of]).all()
+        return (shaped.t, speeds[of]) if moves and is_known else _NOTHING
 
     name, words, *beside = title
     caption = f"{what} of the motion that the controller follows, ~/desired: smooth, within the "
