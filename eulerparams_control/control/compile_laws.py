@@ -20,6 +20,7 @@ from eulerparams_control.laws.orientation.sequences import extract, pole_distanc
 from eulerparams_control.laws.rotations import (
     angle_between,
     exp,
+    log,
     matrix,
     quaternion,
     rotation_vector,
@@ -33,7 +34,7 @@ from eulerparams_control.robot.robot import Robot
 _READING = "eulerparams_control.messages.joint_bytes"
 
 # What recordings are analysed with.
-_MAPPED = (angle_between, exp, matrix, quaternion, rotation_vector, extract, pole_distance)
+_MAPPED = (angle_between, exp, log, matrix, quaternion, rotation_vector, extract, pole_distance)
 
 
 def main(args: list[str] | None = None) -> int:
@@ -48,8 +49,10 @@ def main(args: list[str] | None = None) -> int:
     started, arm = time.perf_counter(), load_robot("ur5")
     robot, home = Robot(arm.urdf, arm.base_frame, arm.tip_frame), np.array(arm.home)
     displacements = (representation(name).laws.displacement for name in ORIENTATIONS)
+    elastic = (getattr(representation(name), "elastic", None) for name in asked.orientations)
+    energies = (each.energy for each in elastic if each is not None)
     importlib.import_module(_READING)
-    for formula in (*_MAPPED, *displacements):
+    for formula in (*_MAPPED, *displacements, *energies):
         formula.prepare()
     state = robot.state(home, np.zeros_like(home))
     inverse_kinematics(robot, DesiredFrame(state.p_e, state.R_e), home)
