@@ -260,6 +260,14 @@ def test_euler_parameters_pass_the_pole_where_euler_angles_lose_the_tool(live, p
     live.until("holding")
 
 
+def test_a_page_names_its_button_after_a_halt_and_its_legends_have_no_values(live, page):
+    click(page, "Halt")
+    page.get_by_text("What to do: press Resume").wait_for()
+    assert "--" not in page.locator(".u-legend", has_text="desired to tool").first.inner_text()
+    click(page, "Resume")
+    live.until("holding")
+
+
 def test_a_halt_stops_the_arm_until_it_is_resumed(live, page):
     before = live.until_at_rest()
     click(page, "Back to the start")

@@ -23,7 +23,9 @@ from eulerparams_control.live.geometry import (
     stiffness_of,
     wxyz,
 )
+from eulerparams_control.live.panel import what_to_do
 from eulerparams_control.live.ros.exchange import Exchange
+from eulerparams_control.live.view import View
 from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
@@ -55,6 +57,13 @@ def test_joints_turn_and_slide_as_the_urdf_says():
     R = R_rpy(0.1, 0.2, 0.3)  # about the fixed x, y, z
     assert_close(R, EulerSequence("ZYX").R(np.array([0.3, 0.2, 0.1])), 1e-15)
     assert_close(EulerParameters(wxyz(R)[0], wxyz(R)[1:]).R, R, 1e-15)
+
+
+def test_the_page_names_its_button_where_the_node_names_the_service():
+    said = ("halt", "call ~/resume"), ("not_following", "lower the gains; call ~/resume")
+    said += (("silence", "wait"),)
+    found = [what_to_do(View(cause=cause, remedy=remedy)) for cause, remedy in said]
+    assert found == ["press Resume", "lower the gains; press Resume", "wait"]
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "baxter"])

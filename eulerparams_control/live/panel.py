@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from eulerparams_control.control.mode import Mode
+from eulerparams_control.control.mode import CALL_RESUME, Cause, Mode
 from eulerparams_control.laws.orientation import ORIENTATIONS, SEQUENCES
 from eulerparams_control.laws.orientation.sequences import EulerSequence
 from eulerparams_control.laws.rotations import angle_between
@@ -55,6 +55,8 @@ _LOOK = """<style>
 """The box beside a slider shows six digits, and the ends of a slider are large enough to read."""
 
 _LINE = '<div style="padding:4px 14px;font-size:0.8em;opacity:0.8">{}</div>'
+
+_PRESS = "press Resume"
 
 _LINES = ("desired to tool", "#1c7ed6"), ("compliant to tool", "#e67700")
 _PLOTS = (
@@ -116,7 +118,7 @@ class LivePanel:
         gui.add_html(
             _LINE.format(
                 "<b>Halt</b> brakes the arm along its path. <b>Resume</b> goes on after a halt "
-                "or a fault, from where the arm is."
+                "or a fault, from where the arm is.<br><br>"
             )
         )
         tabs = gui.add_tab_group()
@@ -179,7 +181,7 @@ class LivePanel:
             "feels, the blue ellipsoid the stiffness."
         )
         axis = gui.add_dropdown("Along", AXES)
-        force = gui.add_slider("N (0.1 Nm)", -40.0, 40.0, 1.0, 20.0)
+        force = gui.add_slider("Force [N] or torque [0.1 Nm]", -40.0, 40.0, 1.0, 20.0)
 
         def push() -> tuple[float, int, float]:
             return 1.0, AXES.index(axis.value), force.value
@@ -247,7 +249,7 @@ class LivePanel:
         panel.dock_left()
         panel.set_width(PLOTS_WIDTH)
         self._plots = []
-        with panel.add_tab("Last 20 s"):
+        with panel.add_tab("Plots of the last 20 s"):
             for title, lines, least in _PLOTS:
                 names = lines if "compliant_frame" in self._scheme.outputs else lines[:1]
                 series = [viser.uplot.Series(label=name, stroke=c, width=2) for name, c in names]
@@ -260,7 +262,7 @@ class LivePanel:
                         height=170,
                         padding=(10, 16, 0, 0),
                         scales=_scales(least),
-                        legend={"show": len(names) > 1},
+                        legend={"show": len(names) > 1, "live": False},
                     )
                 )
 
@@ -295,7 +297,7 @@ class LivePanel:
         words = f"<b>{view.mode or 'starting'}</b>: the arm {_DOING.get(view.mode, view.mode)}."
         if view.cause:
             words += f" Cause: {html.escape(view.cause.replace('_', ' '))}."
-        for title, text in (("", view.message), ("What to do: ", view.remedy)):
+        for title, text in (("", view.message), ("What to do: ", what_to_do(view))):
             if text and (view.level or title):
                 words += f"<br>{title}{html.escape(text)}."
         if view.robot:
@@ -353,6 +355,13 @@ class LivePanel:
 def _scales(top: float) -> dict[str, viser.uplot.Scale]:
     """Return the ranges of a plot whose values go from 0 to ``top``."""
     return {"x": {"time": False, "range": (-_SECONDS, 0.0)}, "y": {"range": (0.0, top)}}
+
+
+def what_to_do(view: View) -> str:
+    """Return the remedy for who has this page: a button instead of the service."""
+    if view.cause == Cause.HALT:
+        return _PRESS
+    return view.remedy.replace(CALL_RESUME, _PRESS)  # of a halt after a fault
 
 
 def _people(view: View) -> str:
