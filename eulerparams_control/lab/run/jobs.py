@@ -112,9 +112,12 @@ class Processes(Executor):
         with self._lock:
             self._ended = True
             workers = list((self._pool._processes or {}).values())
+            manager: Any = self._pool._executor_manager_thread
             self._pool.shutdown(wait=False, cancel_futures=True)
         for worker in workers:
             worker.terminate()
+        if manager is not None and wait:
+            manager.join()  # or it and the end of this process close its pipe at a time
 
 
 def _be_quiet() -> None:
