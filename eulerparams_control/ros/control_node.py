@@ -47,12 +47,11 @@ class ControlNode(ManagedNode):
     def __init__(self) -> None:
         super().__init__()
         self._report = ControlReport(self, self._health, self._input)
-        self._is_heard = False
+        self._is_heard, self._began = False, steady.now()
         rate = self._params.state_rate
         self._period = int(1e9 / rate) if rate > 0 else 0  # of ~/pose and the like [ns]
         self._health.check, self._health.gather = self._once_a_second, self._gather
         self._shown: Tick | None = None
-        self._began = steady.now()
         self._views = Views(
             self, self._health, self._params.publish_tf, self._look, self.stiffness_of
         )
