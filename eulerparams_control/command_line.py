@@ -143,6 +143,6 @@ def whole_number(least: int = 0) -> Callable[[str], int]:
 
 if __name__ == "__main__":
     del sys.argv[0]  # the program is called by its name
-    if not {*sys.argv[:1]} & executables().keys():
+    if not sys.argv or sys.argv[0] not in executables():
         sys.exit(f"error: expected the name of a program: {', '.join(sorted(executables()))}")
     sys.exit(_run(sys.argv[0]))

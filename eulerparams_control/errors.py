@@ -8,6 +8,7 @@ was wrong, what was expected, and what to do.
 import difflib
 import re
 import traceback
+from collections import Counter
 from collections.abc import Iterable
 from typing import ClassVar
 
@@ -154,6 +155,18 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     by_lower = {entry.lower(): entry for entry in known}
     close = difflib.get_close_matches(name.lower(), by_lower, n=1, cutoff=0.65)
     return f" (did you mean '{by_lower[close[0]]}'?)" if close else ""
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return names in a row, each with how often it is there if that is several times.
+
+    "" is a node whose name is not known yet.
+    """
+    counts = Counter(sorted(names))
+    return ", ".join(
+        f"{name or 'one whose name is not known yet'}{f' {n} times' if n > 1 else ''}"
+        for name, n in counts.items()
+    )
 
 
 def defect(error: Exception) -> str:

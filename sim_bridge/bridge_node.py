@@ -216,8 +216,7 @@ class BridgeNode(Node):
 
     def _senders(self) -> list[str]:
         """Return the names of the nodes that publish commands, one a publisher."""
-        names = names_of_publishers(self, self._commands.topic_name)
-        return sorted(name or "one whose name is not known yet" for name in names)
+        return sorted(names_of_publishers(self, self._commands.topic_name))
 
     # --- health ------------------------------------------------------------------------
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from eulerparams_control.errors import listed
 from sim_bridge.drive_modes import DriveCause, DriveMode, DriveStatus
 
 OK, WARN, ERROR = b"\x00", b"\x01", b"\x02"
@@ -69,9 +70,7 @@ class DriveWords:
                 return ERROR, status.text or f"ended; it was braked: {status.cause.value}", ""
 
     def _contested(self, names: tuple[str, ...]) -> str:
-        each = [f"{name} {names.count(name)} times" if names.count(name) > 1 else name
-                for name in dict.fromkeys(names)]  # fmt: skip
         return (
-            f"two controllers send on '{self.topic}', whose publishers are {', '.join(each)}; "
+            f"two controllers send on '{self.topic}', whose publishers are {listed(names)}; "
             "braked, both are refused"
         )

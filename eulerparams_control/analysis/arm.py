@@ -87,7 +87,7 @@ def _playing(bag: Bag, name: str) -> list[str]:
     ]
 
 
-def _strangeness(bag: Bag, topic: str, kind: str) -> str:
+def _why_unreadable(bag: Bag, topic: str, kind: str) -> str:
     """Return why the messages of a topic are not those of a type; "" if they are."""
     try:
         definition = message_definition(kind).encode()
@@ -169,12 +169,12 @@ class Arm:
         self.topics = topics(bag, self.namespace, options.names)
         self.parameters = _parameters(bag, self.namespace)
         self.flaws: dict[BagWarning, None] = {}
-        self._leave_out_strange()
+        self._leave_out_unreadable()
         self.orientation = self._options_of_orientation()
         self.urdf = options.urdf or bag.robot_description(self.topics.get(_DESCRIPTION))
         self.robot = self._make_robot()
 
-    def _leave_out_strange(self) -> None:
+    def _leave_out_unreadable(self) -> None:
         """Leave out the topics whose messages have other fields than their type.
 
         Raises:
@@ -186,7 +186,7 @@ class Arm:
         else:
             needed.add(_DESCRIPTION)
         for name, topic in tuple(self.topics.items()):
-            if why := _strangeness(self._bag, topic, TYPES[name]):
+            if why := _why_unreadable(self._bag, topic, TYPES[name]):
                 if name in needed:
                     raise BagError(f"{self._bag.path}: {topic} cannot be read: {why}")
                 self.warn(BagFlaw.LEFT_OUT, f"{topic} is left out: {why}")

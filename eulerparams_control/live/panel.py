@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from eulerparams_control.control.mode import CALL_RESUME, Cause, Mode
+from eulerparams_control.control.mode import Cause, Mode
 from eulerparams_control.laws.orientation import ORIENTATIONS, SEQUENCES
 from eulerparams_control.laws.orientation.sequences import EulerSequence
 from eulerparams_control.laws.rotations import angle_between
@@ -55,8 +55,6 @@ _LOOK = """<style>
 """The box beside a slider shows six digits, and the ends of a slider are large enough to read."""
 
 _LINE = '<div style="padding:4px 14px;font-size:0.8em;opacity:0.8">{}</div>'
-
-_PRESS = "press Resume"
 
 _LINES = ("desired to tool", "#1c7ed6"), ("compliant to tool", "#e67700")
 _PLOTS = (
@@ -358,10 +356,8 @@ def _scales(top: float) -> dict[str, viser.uplot.Scale]:
 
 
 def what_to_do(view: View) -> str:
-    """Return the remedy for who has this page: a button instead of the service."""
-    if view.cause == Cause.HALT:
-        return _PRESS
-    return view.remedy.replace(CALL_RESUME, _PRESS)  # of a halt after a fault
+    """Return the remedy for who has this page: after a halt a button instead of the service."""
+    return "press Resume" if view.cause == Cause.HALT else view.remedy
 
 
 def _people(view: View) -> str:

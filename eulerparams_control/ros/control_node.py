@@ -18,7 +18,7 @@ from eulerparams_control.control.clock import steady
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.mode import Why
 from eulerparams_control.control.orders import Orders
-from eulerparams_control.errors import InvalidMessageError
+from eulerparams_control.errors import InvalidMessageError, listed
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import Tick
 from eulerparams_control.messages.from_ros import shown
@@ -26,7 +26,7 @@ from eulerparams_control.messages.markers import Stiffness
 from eulerparams_control.parameters.schemes import SchemeInfo
 from eulerparams_control.ros.control_report import ControlReport
 from eulerparams_control.ros.managed_node import ManagedNode
-from eulerparams_control.ros.publishers import in_words, names_of_publishers
+from eulerparams_control.ros.publishers import names_of_publishers
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED
 from eulerparams_control.ros.targets import Leaders, Topics
 from eulerparams_control.ros.views import ArmView, Views
@@ -189,7 +189,7 @@ class ControlNode(ManagedNode):
         if controller.admission.is_contested:
             names = names_of_publishers(self, self._states.topic_name)
             if len(names) > 1:
-                controller.supervisor.contest(in_words(names))
+                controller.supervisor.contest(listed(names))
 
     def _hears(self) -> bool:
         """Return whether as many listen to the commands as have to."""

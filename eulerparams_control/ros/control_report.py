@@ -12,6 +12,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.mode import NO_STATES, Cause, Mode, Why
 from eulerparams_control.control.speed_scaling import Nearness
+from eulerparams_control.errors import listed
 from eulerparams_control.laws.inverse import smallest_singular_value
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import Tick
@@ -25,7 +26,7 @@ from eulerparams_control.messages.to_ros import (
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.parameters.common import ControlParameters
 from eulerparams_control.ros import diagnostics
-from eulerparams_control.ros.publishers import in_words, names_of_publishers
+from eulerparams_control.ros.publishers import names_of_publishers
 from eulerparams_control.ros.state_input import StateInput
 
 Values = dict[str, str | int | float]
@@ -92,7 +93,7 @@ class ControlReport:
                 why = "expected one robot."
             self._health.complain(
                 f"joint_states have jumped {again} times in the last second: {why} They are "
-                f"published by {in_words(names)}",
+                f"published by {listed(names)}",
                 error=True,
                 about="restarts",
             )

@@ -17,15 +17,6 @@ def names_of_publishers(node: Node, topic: str) -> list[str]:
     ]
 
 
-def in_words(names: list[str]) -> str:
-    """Return the nodes of publishers, each with how many it has if these are several."""
-    words = []
-    for name in sorted(set(names)):
-        times = f" {count} times" if (count := names.count(name)) > 1 else ""
-        words.append(f"{name or 'one whose name is not known yet'}{times}")
-    return ", ".join(words)
-
-
 def publishers_of(node: Node, topic: str) -> set[str]:
     """Return the full names of the nodes that publish on a topic, as far as they are known."""
     return set(names_of_publishers(node, topic)) - {""}

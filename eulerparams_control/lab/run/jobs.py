@@ -117,7 +117,7 @@ class Processes(Executor):
         for worker in workers:
             worker.terminate()
         if manager is not None and wait:
-            manager.join()  # or it and the end of this process close its pipe at a time
+            manager.join()  # else it may close the pipe to which the interpreter writes at its end
 
 
 def _be_quiet() -> None:
