@@ -2,8 +2,10 @@
 
 import io
 import json
+import multiprocessing
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -13,6 +15,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
 import pytest
@@ -586,3 +589,15 @@ def test_at_the_end_processes_are_ended_whatever_they_do():
     assert isinstance(waiting.exception(PATIENCE / 2), BrokenExecutor)
     with pytest.raises(BrokenExecutor):
         pool.submit(len, "never")
+
+
+def test_a_process_that_starts_when_the_run_is_interrupted_is_ended(monkeypatch):
+    def start(process: SpawnProcess) -> None:
+        begin(process)
+        signal.raise_signal(signal.SIGINT)
+
+    begin = SpawnProcess.start
+    monkeypatch.setattr(SpawnProcess, "start", start)
+    with pytest.raises(KeyboardInterrupt), jobs.Processes(1) as pool:
+        pool.submit(len, "ab")
+    assert not multiprocessing.active_children()

@@ -98,7 +98,7 @@ class Processes(Executor):
         self, function: Callable[P, R], /, *args: P.args, **keywords: P.kwargs
     ) -> Future[R]:
         """See Executor."""
-        with self._lock:
+        with _uninterrupted(), self._lock:  # else a process may start that is not known
             try:
                 return self._pool.submit(function, *args, **keywords)
             except BrokenExecutor:
@@ -118,6 +118,26 @@ class Processes(Executor):
             worker.terminate()
         if manager is not None and wait:
             manager.join()  # else it may close the pipe to which the interpreter writes at its end
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Hold Ctrl-C and SIGTERM back until the end of ``with``; other threads never get them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    held: list[int] = []
+    before = {
+        number: signal.signal(number, lambda number, _frame: held.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    for late in held:
+        signal.raise_signal(late)
 
 
 def _be_quiet() -> None:
