@@ -153,11 +153,11 @@ def test_a_joint_without_wrapping_is_where_it_says_it_is_after_a_silence():
 
 
 def test_joints_with_limits_are_never_taken_a_turn_away():
-    before, now = np.zeros((2, judge.WRAPS + 1, 2))
-    arm, q = np.array([[math.inf] * 2, [1.0, 0.0], [1.0, 0.0]]), np.array([6.2, 6.2])
-    rows = NONE, NONE, arm, before, now
-    assert judge.code_of(q, np.zeros(2), *rows, 0.0, True, True, False) & judge.WOUND
-    np.testing.assert_allclose(now[judge.Q], [6.2 - 2 * np.pi, 6.2])
+    arm, q = np.zeros((judge.ROWS, 2)), np.array([6.2, 6.2])
+    arm[[judge.FASTEST, judge.LIMIT]] = math.inf
+    arm[judge.ENDLESS] = arm[judge.TURNING] = 1.0, 0.0
+    assert judge.code_of(q, np.zeros(2), NONE, arm, 1, 0.0, True, True, False) & judge.WOUND
+    np.testing.assert_allclose(arm[judge.Q], [6.2 - 2 * np.pi, 6.2])
 
 
 # --- clocks that are set ---------------------------------------------------------------------

@@ -1,5 +1,6 @@
 """Admission of measured states, and the time between them."""
 
+import math
 from collections import deque
 from enum import Enum, auto
 from typing import Any, NamedTuple
@@ -9,6 +10,8 @@ import numpy as np
 from eulerparams_control.control import judge
 from eulerparams_control.control.clock import (
     EARLY,
+    LATENCY,
+    PERIOD,
     SECONDS,
     Clock,
     Instant,
@@ -184,18 +187,22 @@ class Admission:
     def __init__(
         self, robot: Robot, timeout: float, max_latency: float, strict: bool, q: Array
     ) -> None:
-        self.clock, self.period = Clock(), NominalPeriod()
+        self._clocks = np.zeros(PERIOD + LATENCY)
+        self.clock, self.period = Clock(), NominalPeriod(self._clocks[:PERIOD])
         self.conflicts: deque[float] = deque(maxlen=_CONFLICTS)
         self.set_backs = 0
         self._robot, self._timeout = robot, timeout
         self._believed = ~0 if strict else ~(judge.FAST | judge.FAR | judge.FROZEN)
         endless = np.isinf(robot.limits.upper)
         turning = np.logical_and(endless, np.logical_not(robot.is_prismatic))
-        self._arm = np.array([_MOST_SPEED * robot.limits.velocity, endless, turning], dtype=float)
         # the last state, and the one that is judged, which takes its place where it is taken
-        self._before, self._now = np.zeros((2, judge.WRAPS + 1, robot.n))
-        self._before[judge.Q] = q
-        self._latency = Latency(max_latency)
+        self._arm, self._last = np.zeros((judge.ROWS, robot.n)), 0
+        self._states = self._arm[: judge.STATE], self._arm[judge.STATE : 2 * judge.STATE]
+        self._states[0][judge.Q] = q
+        self._arm[judge.FASTEST] = _MOST_SPEED * robot.limits.velocity
+        self._arm[judge.ENDLESS], self._arm[judge.TURNING] = endless, turning
+        self._arm[judge.LIMIT] = math.inf
+        self._latency = Latency(max_latency, self._clocks[PERIOD:])
         self._back, self._back_at = 0, 0  # stamps in a row that are behind, and the last [ns]
 
     @property
@@ -205,15 +212,16 @@ class Admission:
         return len(conflicts) == _CONFLICTS and self.clock.now() - conflicts[0] < _CONTEST
 
     def admit(
-        self, at: Instant, q: Array, dq: Array, told: Array | None, velocity: Array, patient: bool
-    ) -> Accept:
+        self, at: Instant, q: Array, dq: Array, told: Array | None, velocity: Array | float,
+        patient: bool,
+    ) -> Accept:  # fmt: skip
         """Say what the state q, dq (n,) measured at an instant is.
 
         Args:
             at: when it was.
             q, dq: (n,) as they came.
             told: (n,) the last command, to which continuous joints are nearest after a gap.
-            velocity: (n,) limits of the speeds under efforts; empty: there are none.
+            velocity: limits (n,) of the speeds under efforts; infinity: there are none.
             patient: whether states that stay late are taken in the end.
 
         Raises:
@@ -240,8 +248,8 @@ class Admission:
         goes_on = is_near and silence <= timeout
         is_lost = silence > timeout or (receipt is None and dt > timeout)
         near, is_first = NONE if goes_on or told is None else told, last is None
-        states, times = (self._arm, self._before, self._now), (is_near and not is_first, goes_on)
-        code = judge.code_of(q, dq, near, velocity, *states, dt, *times, is_lost) & self._believed
+        times, self._arm[judge.LIMIT] = (is_near and not is_first, goes_on, is_lost), velocity
+        code = judge.code_of(q, dq, near, self._arm, self._last, dt, *times) & self._believed
         if code & (judge.FAST | judge.FAR):
             self._refuse_impossible(at, dt, q, dq, code)
         if receipt is not None and (dt != 0 or is_first):
@@ -257,7 +265,7 @@ class Admission:
                 self.conflicts.append(at.seconds)
             return Accept(q, code | judge.AGAIN, 0.0, silence, 0.0, 0.0, False, None)
         if code & judge.WOUND:
-            q = self._now[judge.Q].copy()
+            q = self._states[1 - self._last][judge.Q].copy()
         usual, restart = period.item(SECONDS), None
         take_step(period, dt)
         if not goes_on:
@@ -286,10 +294,10 @@ class Admission:
         return self._back == 0 and self.period.seconds > 0
 
     def expected(
-        self, velocity: Array, patient: bool, segments: tuple[Array, Array], longest: float,
-        fine: tuple[float, float],
+        self, velocity: Array | float, patient: bool, segments: tuple[Array, Array],
+        longest: float, fine: tuple[float, float],
     ) -> Expected:  # fmt: skip
-        """Return what the next state of a steady stream is, for :meth:`admit_expected`.
+        """Return what the state is that goes on as the last one did, for :meth:`admit_expected`.
 
         Args:
             velocity, patient: see :meth:`admit`.
@@ -297,9 +305,9 @@ class Admission:
             longest: [s] of a step.
             fine: see :attr:`RateCheck.fine`; the rate is not judged again.
         """
-        given = velocity, patient, *segments, min(longest, self._timeout), *fine
-        rows = self.period.row, self._latency.row
-        return *given, self._arm, self._believed, *rows, self._latency.most
+        self._arm[judge.LIMIT] = velocity
+        given = patient, *segments, min(longest, self._timeout), *fine
+        return *given, self._arm, self._believed, self._clocks, self._latency.most
 
     def admit_expected(
         self, expected: Expected, at: Instant, q: Array, dq: Array, loop_rate: float,
@@ -327,15 +335,15 @@ class Admission:
             times = silence, receipt - at.stamp / 1e9, receipt, True
         if silence > self._timeout:
             return None
-        before, now = self._before, self._now
+        this = 1 - self._last
         code = judge.admit_expected(
-            *expected, q, dq, before, now, dt, *times, loop_rate, since, frame
+            *expected, q, dq, self._last, dt, *times, loop_rate, since, frame
         )
         if code == judge.NOT_EXPECTED:
             return None
-        self.clock.last, self._before, self._now = at, now, before
+        self.clock.last, self._last = at, this
         acted = dt if receipt is None or 0 < dt < silence else silence
-        return (now[judge.Q].copy() if code else q), dt, acted
+        return (self._states[this][judge.Q].copy() if code else q), dt, acted
 
     def take(self, at: Instant | None) -> None:
         """Take the state for the last one; what it brings about has happened.
@@ -347,7 +355,7 @@ class Admission:
         if self._back >= _SET_BACK or (at and last and at.stamp < last.stamp):
             self.set_backs += 1
         self.clock.last, self._back = at, 0
-        self._before, self._now = self._now, self._before
+        self._last = 1 - self._last
 
     def _restart(self, at: Instant, dt: float, silence: float, usual: float, code: int) -> Restart:
         """Return what happened before a state whose stamp is dt [s] after the last one."""
@@ -369,7 +377,7 @@ class Admission:
                 f"the joint {robot.joints[i]} moves at {dq[i]:.3g} rad/s, more than "
                 f"{_MOST_SPEED:g} times its limit"
             )
-        way = robot.limits.deviation(q, self._before[judge.Q])[i]
+        way = robot.limits.deviation(q, self._states[self._last][judge.Q])[i]
         self.conflicts.append(at.seconds)
         raise InvalidMessageError(
             f"the joint {robot.joints[i]} jumps by {way:.3g} rad within {dt:g} s"

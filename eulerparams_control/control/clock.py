@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws.compiled import Row, entry, kernel
+from eulerparams_control.laws.compiled import Array, Row, entry, kernel
 
 # Number of steps after which a period is known, and after which its lower bound is; the factor of
 # jitter of that bound; and the part of the difference by which a period follows further steps.
@@ -35,9 +35,10 @@ _LONG_PATIENCE, _STEADY = 10.0, 0.02
 
 # Rows: of a period, behind which its first steps lie, and of a latency: the least that a state was
 # behind, when one came last, since when they are late, and the least and the most that they were
-# behind since.
+# behind since.  Then how many floats each has.
 SECONDS, _LEAST, _MISSED, _COUNT, _STEPS = range(5)
 _BEST, EARLY, _AT, _SINCE, _LOW, _HIGH = range(6)
+PERIOD, LATENCY = _STEPS + _FIRST, _HIGH + 1
 
 
 class SteadyClock:
@@ -114,12 +115,12 @@ class Clock:
 class NominalPeriod:
     """The usual time between two states, whatever is lost or late.
 
-    Attributes:
-        row: of :func:`take_step`.
+    Args:
+        row: (PERIOD,) of :func:`take_step`, of zeros; None is a new one.
     """
 
-    def __init__(self) -> None:
-        self.row = np.zeros(_STEPS + _FIRST)
+    def __init__(self, row: Array | None = None) -> None:
+        self.row = np.zeros(PERIOD) if row is None else row
 
     @property
     def seconds(self) -> float:
@@ -177,13 +178,11 @@ class Latency:
 
     Args:
         most: [s] by which a state may be later than the best one.
-
-    Attributes:
-        row: of :func:`late`.
+        row: (LATENCY,) of :func:`late`; None is a new one.
     """
 
-    def __init__(self, most: float) -> None:
-        self.most, self.row = most, np.zeros(6)
+    def __init__(self, most: float, row: Array | None = None) -> None:
+        self.most, self.row = most, np.zeros(LATENCY) if row is None else row
         self.forget()
 
     def forget(self) -> None:

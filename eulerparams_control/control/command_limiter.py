@@ -25,10 +25,10 @@ _ROUNDING = 5e-13
 # No acceleration is larger [rad/s^2 or m/s^2]; no time shorter [s].
 _STEEP, _TINY = 1e9, 1e-300
 
-# Rows of the limits, and of what is known of the joints: whether one is not where it is to be, and
-# how far its last step led it.  Codes: what is changed of a command, and what is not finite.
-_LOWER, _UPPER, _VELOCITY, _EFFORT, _ACCELERATION, _RATE = range(6)
-_LAGS, _LED = range(2)
+# Rows of the joints: their limits, whether one is not where it is to be, how far its last step led
+# it, and a command within its bounds.  Codes: what is changed of a command, and what is not finite.
+_LOWER, _UPPER, _VELOCITY, _EFFORT, _ACCELERATION, _RATE, _LAGS, _LED, _SAFE = range(9)
+_ROWS, _LIMITS, _KNOWN = _SAFE + 3, slice(_RATE), slice(_LAGS, _SAFE)
 _PARTS, _INFINITE = ("q", "dq", "effort"), (8, 16, 32)
 
 
@@ -48,31 +48,30 @@ class CommandLimiter:
 
     def __init__(self, limits: JointLimits | None, effort_rate: Array | float = math.inf) -> None:
         self.effort_rate, self.bounded = effort_rate, 0
-        self._joints = self._safe = self._bounds = np.zeros((6, 0))
+        self._joints = np.zeros((_ROWS, 0))
         self.bound(limits)
         self.forget()
 
     def bound(self, limits: JointLimits | None) -> None:
         """Bound commands by these limits, and by ``effort_rate``, from now on."""
-        self.limits = limits
-        if limits is None:
-            self._bounds = np.zeros((6, 0))
-            return
-        n = len(limits.lower)
-        self._bounds = np.vstack([limits.rows, np.broadcast_to(self.effort_rate, n)])
-        if self._joints.shape[1] != n:
-            self._joints, self._safe = np.zeros((2, n)), np.zeros((3, n))
+        self.limits, known = limits, self._joints[_KNOWN]
+        n = 0 if limits is None else len(limits.lower)
+        self._joints = np.zeros((_ROWS, n))
+        if limits is not None:
+            self._joints[_LIMITS], self._joints[_RATE] = limits.rows, self.effort_rate
+        if known.shape[1] == n:
+            self._joints[_KNOWN] = known
 
     @property
-    def runaway_limits(self) -> Array:
-        """Limits (n,) of the speeds of an arm that may run away; (0,): it cannot."""
+    def runaway_limits(self) -> Array | float:
+        """Limits (n,) of the speeds of an arm that may run away; infinity: it cannot."""
         limits = self.limits
-        return NONE if limits is None or not self.commands_efforts else limits.velocity
+        return math.inf if limits is None or not self.commands_efforts else limits.velocity
 
     def forget(self) -> None:
         """Start again: no command acts any more."""
         self._last: tuple[Array, Array, Array] = NONE, NONE, NONE
-        self._joints[:] = 0.0
+        self._joints[_KNOWN] = 0.0
         self.commands_efforts = False
 
     def __call__(
@@ -97,17 +96,17 @@ class CommandLimiter:
         )
         if frame_row is not None and not _is_finite(frame_row):
             raise UnsafeCommandError("the command has a compliant frame that is not finite")
-        (q_0, dq_0, effort_0), bounds, safe, code = self._last, self._bounds, self._safe, 0
+        (q_0, dq_0, effort_0), joints, code = self._last, self._joints, 0
         if effort is not None:
-            code = _bounded_effort(effort, effort_0, bounds, elapsed, safe)
+            code = _bounded_effort(effort, effort_0, joints, elapsed)
         if q_c is not None or dq is not None:
-            motion, joints = (*rows[:2], q_0, dq_0, q), self._joints
-            code |= _bounded_motion(*motion, bounds, joints, elapsed, dt, safe)
+            code |= _bounded_motion(rows[0], rows[1], q_0, dq_0, q, joints, elapsed, dt)
         if code:
             for part, row, bit in zip(_PARTS, rows, _INFINITE, strict=True):
                 if code & bit:
                     raise UnsafeCommandError(f"the command has a non-finite {part}: {row.tolist()}")
             self.bounded += 1
+            safe = joints[_SAFE:]
             kept = [safe[k].copy() if code & 1 << k else row for k, row in enumerate(rows)]
             rows = kept[0], kept[1], kept[2]
             q_c, dq, effort = (row if len(row) else None for row in rows)
@@ -128,22 +127,22 @@ def _is_finite(row: Input) -> bool:
 @kernel
 def _position(
     i: int, q_c: Array, dq: Array, q_0: Array, dq_0: Array, q: float,
-    bounds: Array, joints: Array, elapsed: float, lasted: float,
+    joints: Array, elapsed: float, lasted: float,
 ) -> float:  # fmt: skip
     """Return q_c of a joint, measured at q, where the motion until now can lead to.
 
     A joint that cannot be where it is to be goes on by its velocity, which chases; it gets there
     where that bends its motion, before and after, by no more than it may.
     """
-    low, high = min(bounds[_LOWER, i], q), max(bounds[_UPPER, i], q)  # it may come back
+    low, high = min(joints[_LOWER, i], q), max(joints[_UPPER, i], q)  # it may come back
     if len(q_0) == 0:
         return clip(q_c[i], low, high)
-    fastest, led, leads = bounds[_VELOCITY, i], 0.0, lasted * dq[i] if len(dq) else 0.0
+    fastest, led, leads = joints[_VELOCITY, i], 0.0, lasted * dq[i] if len(dq) else 0.0
     if len(dq_0):  # the limit of the speed may have been lowered since
         fastest, led = max(fastest, abs(dq_0[i])), lasted * dq_0[i]
     reach = fastest * elapsed if elapsed > 0 else 0.0
-    bend = bounds[_ACCELERATION, i] * (lasted * lasted) + _ROUNDING
-    step = difference(q_c[i], q_0[i], math.isinf(bounds[_UPPER, i]))
+    bend = joints[_ACCELERATION, i] * (lasted * lasted) + _ROUNDING
+    step = difference(q_c[i], q_0[i], math.isinf(joints[_UPPER, i]))
     lags = abs(step) > reach + _ROUNDING or abs(step - led) > bend
     if joints[_LAGS, i]:
         lags = lags or abs(step - joints[_LED, i]) > bend or abs(step - leads) > bend
@@ -157,12 +156,12 @@ def _position(
 
 
 @kernel
-def _velocity(i: int, dq: float, before: float, lag: float, bounds: Array, lasted: float) -> float:
+def _velocity(i: int, dq: float, before: float, lag: float, joints: Array, lasted: float) -> float:
     """Return dq of a joint where the velocity until now, ``before``, can have come to.
 
     It chases what its position lags behind.
     """
-    most, a = bounds[_VELOCITY, i], bounds[_ACCELERATION, i]
+    most, a = joints[_VELOCITY, i], joints[_ACCELERATION, i]
     change = a * lasted
     if lag != 0.0:
         rate, way = min(_CHASE, 0.5 / lasted), abs(lag)
@@ -173,11 +172,11 @@ def _velocity(i: int, dq: float, before: float, lag: float, bounds: Array, laste
 
 
 @kernel
-def _effort(i: int, effort: float, last: Array, bounds: Array, elapsed: float) -> float:
+def _effort(i: int, effort: float, last: Array, joints: Array, elapsed: float) -> float:
     """Return the effort of a joint within its limit and rate."""
-    low, high = -bounds[_EFFORT, i], bounds[_EFFORT, i]
+    low, high = -joints[_EFFORT, i], joints[_EFFORT, i]
     if len(last):
-        reach = bounds[_RATE, i] * max(elapsed, _TINY)
+        reach = joints[_RATE, i] * max(elapsed, _TINY)
         if abs(effort) <= high and abs(effort - last[i]) <= reach + _ROUNDING:
             return effort
         low = max(min(low, last[i]), last[i] - reach)
@@ -186,51 +185,48 @@ def _effort(i: int, effort: float, last: Array, bounds: Array, elapsed: float) -
 
 
 @entry
-def _bounded_effort(
-    effort: Input, effort_0: Input, bounds: Rows, elapsed: float, safe: Rows
-) -> int:
-    """Fill the efforts of ``safe`` (3, n), and return what changed: see ``_bounded_motion``."""
+def _bounded_effort(effort: Input, effort_0: Input, joints: Rows, elapsed: float) -> int:
+    """Fill the efforts within their bounds, and return what changed: see ``_bounded_motion``."""
     for i in range(len(effort)):
         if not math.isfinite(effort[i]):
             return 32
     code = 0
-    for i in range(bounds.shape[1]):
-        safe[2, i] = _effort(i, effort[i], effort_0, bounds, elapsed)
-        code |= 4 if safe[2, i] != effort[i] else 0
-        code |= 0 if math.isfinite(safe[2, i]) else 32
+    for i in range(joints.shape[1]):
+        joints[_SAFE + 2, i] = _effort(i, effort[i], effort_0, joints, elapsed)
+        code |= 4 if joints[_SAFE + 2, i] != effort[i] else 0
+        code |= 0 if math.isfinite(joints[_SAFE + 2, i]) else 32
     return code
 
 
 @entry
 def _bounded_motion(
-    q_c: Input, dq: Input, q_0: Input, dq_0: Input, q: Input, bounds: Rows, joints: Rows,
-    elapsed: float, dt: float, safe: Rows,
+    q_c: Input, dq: Input, q_0: Input, dq_0: Input, q: Input, joints: Rows,
+    elapsed: float, dt: float,
 ) -> int:  # fmt: skip
-    """Fill the motion of ``safe`` (3, n), and return what changed, as a code.
+    """Fill the motion within its bounds, and return what changed, as a code.
 
     Args:
         q_c, dq: (n,) of the command; a part that it has not is empty.
         q_0, dq_0: (n,) of the one before.
         q: (n,) measured.
-        bounds, joints: rows of the limits, none if there are none, and of the joints.
+        joints: rows of the joints, of no joint where there are no limits.
         elapsed, dt: [s] as the limiter is given them.
-        safe: is filled with the command within its bounds.
     """
     code, lasted = 0, dt if dt > 0 else (elapsed if elapsed > 0 else SHORTEST)
     for i in range(max(len(q_c), len(dq))):
         code |= 8 if len(q_c) and not math.isfinite(q_c[i]) else 0
         code |= 16 if len(dq) and not math.isfinite(dq[i]) else 0
-    for i in range(0 if code else bounds.shape[1]):
+    for i in range(0 if code else joints.shape[1]):
         lag = 0.0
         if len(q_c):
-            safe[0, i] = _position(i, q_c, dq, q_0, dq_0, q[i], bounds, joints, elapsed, lasted)
-            if safe[0, i] != q_c[i]:
+            joints[_SAFE, i] = _position(i, q_c, dq, q_0, dq_0, q[i], joints, elapsed, lasted)
+            if joints[_SAFE, i] != q_c[i]:
                 code |= 1
-                lag = difference(q_c[i], safe[0, i], math.isinf(bounds[_UPPER, i]))
-            code |= 0 if math.isfinite(safe[0, i]) else 8
+                lag = difference(q_c[i], joints[_SAFE, i], math.isinf(joints[_UPPER, i]))
+            code |= 0 if math.isfinite(joints[_SAFE, i]) else 8
         if len(dq):
             before = dq_0[i] if len(dq_0) else 0.0
-            safe[1, i] = _velocity(i, dq[i], before, lag, bounds, lasted)
-            code |= 2 if safe[1, i] != dq[i] else 0
-            code |= 0 if math.isfinite(safe[1, i]) else 16
+            joints[_SAFE + 1, i] = _velocity(i, dq[i], before, lag, joints, lasted)
+            code |= 2 if joints[_SAFE + 1, i] != dq[i] else 0
+            code |= 0 if math.isfinite(joints[_SAFE + 1, i]) else 16
     return code

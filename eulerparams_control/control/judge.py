@@ -2,15 +2,15 @@
 
 The state that is expected is taken, and the motion sampled for it, in one call, too.
 
-A state is a table of n columns, of which the rows are named below.  What is asked of it is a bit
-of the code that :func:`code_of` returns.
+An arm, its last state and the one that is judged are one table of n columns, of which the rows are
+named below.  What is asked of a state is a bit of the code that :func:`code_of` returns.
 """
 
 import math
 
 import numpy as np
 
-from eulerparams_control.control.clock import SECONDS, best_at, late, smoothed, take_step
+from eulerparams_control.control.clock import PERIOD, SECONDS, best_at, late, smoothed, take_step
 from eulerparams_control.laws.compiled import Input, Row, Rows, entry, kernel
 from eulerparams_control.laws.limits import difference
 from eulerparams_control.motion.frames import put_frame
@@ -20,8 +20,14 @@ Q, DQ, UNMOVED, TURNS, WRAPS = range(5)
 """Rows of a state: positions and speeds, how far [rad or m] positions that stay should be, whole
 turns that were added to what the driver says, and whether it was seen to jump by a turn."""
 
-FASTEST, ENDLESS, TURNING = range(3)
-"""Rows of an arm: speeds that no joint has, which ones have no limit, which of these turn."""
+STATE = WRAPS + 1
+"""How many rows a state has."""
+
+FASTEST, ENDLESS, TURNING, LIMIT = range(2 * STATE, 2 * STATE + 4)
+"""Rows of an arm, behind its two states: speeds that no joint has, which ones have no limit, which
+of these turn; and the limits of the speeds of one that may run away, or infinity."""
+
+ROWS = LIMIT + 1
 
 SAME, AGAIN, FAST, FAR, MOVED, FROZEN, RUNS, SWINGS, WOUND = (1 << bit for bit in range(9))
 """Codes: the state is the last one, or has its stamp; a joint, whose number is above all codes, is
@@ -67,23 +73,24 @@ def runaway(dq: float, most: float, limit: float) -> float:
 
 @entry
 def code_of(
-    q: Input, dq: Input, near: Input, velocity: Input, arm: Rows, before: Rows, now: Rows,
+    q: Input, dq: Input, near: Input, arm: Rows, last: int,
     dt: float, is_next: bool, goes_on: bool, is_lost: bool,
 ) -> int:  # fmt: skip
-    """Fill the state ``now`` that was measured, and return what it says, as a code.
+    """Fill the state that was measured, and return what it says, as a code.
 
     Args:
         q, dq: (n,) as they came.
         near: (n,) where joints that turn are nearest to; none: to the last state.
-        velocity: (n,) limits of the speeds of an arm that may run away; or none.
-        arm, before, now: its rows, the last state and this one.
+        arm: its rows.
+        last: which of its two states was the last one, 0 or 1; this one is the other.
         dt: [s] after the last state, by the stamps.
         is_next: whether there is one, and ``dt`` is short enough to compare with it.
         goes_on: whether there was no silence, either.
         is_lost: whether the driver may have lost its count of turns.  Then a joint that was never
             seen to jump by a turn is where it says it is: a command a turn away would move it.
     """
-    code, stays = SAME, True
+    code, stays, at = SAME, True, STATE if last else 0
+    before, now = arm[at : at + STATE], arm[STATE - at : 2 * STATE - at]
     for i in range(len(q)):
         way = abs(difference(q[i], before[Q, i], arm[ENDLESS, i] != 0.0))
         if abs(dq[i]) > arm[FASTEST, i] and not code & FAST:
@@ -107,8 +114,8 @@ def code_of(
             code |= MOVED
         if not (stays and dq[i] == before[DQ, i]):
             code &= ~SAME
-        if len(velocity) and runaway(dq[i], SWINGING, velocity[i]):
-            code |= SWINGS | (RUNS if runaway(dq[i], RUNAWAY, velocity[i]) else 0)
+        if runaway(dq[i], SWINGING, arm[LIMIT, i]):
+            code |= SWINGS | (RUNS if runaway(dq[i], RUNAWAY, arm[LIMIT, i]) else 0)
     for i in range(len(q)):
         now[UNMOVED, i] = before[UNMOVED, i] if stays else 0.0
         if stays and goes_on and abs(dq[i]) > AT_REST:
@@ -120,11 +127,10 @@ def code_of(
 
 @entry
 def admit_expected(
-    velocity: Input, patient: bool, times: Row, segments: Rows, longest: float,
-    fine_period: float, fine_turn: float,
-    arm: Rows, believed: int, period: Row, latency: Row, most: float,
-    q: Input, dq: Input, before: Rows, now: Rows, dt: float, silence: float, behind: float,
-    receipt: float, is_timed: bool, loop_rate: float, since: float, frame: Row,
+    patient: bool, times: Row, segments: Rows, longest: float, fine_period: float,
+    fine_turn: float, arm: Rows, believed: int, clocks: Row, most: float,
+    q: Input, dq: Input, last: int, dt: float, silence: float, behind: float, receipt: float,
+    is_timed: bool, loop_rate: float, since: float, frame: Row,
 ) -> int:  # fmt: skip
     """Take a state if it is the expected one, and sample the motion for it.
 
@@ -132,23 +138,24 @@ def admit_expected(
     nothing is changed.
 
     Args:
-        velocity, arm, q, dq, before, now: see :func:`code_of`.
+        arm, q, dq, last: see :func:`code_of`.
         patient, most, behind, receipt: see :func:`late`, if ``is_timed``.
         times, segments: of the motion; without times it rests at the start of the first.
         longest: [s] of ``dt`` and of the time by when the state came.
         fine_period, fine_turn: see :attr:`RateCheck.fine`.
         believed: the codes that count.
-        period, latency: rows of :func:`take_step` and :func:`late`.
+        clocks: rows of :func:`take_step` and :func:`late`, one behind the other.
         dt, silence: [s] since the last state, by the stamps and by when it came.
         loop_rate: [1/s] of the law.
         since: [s] on the motion.
         frame: (24,) is filled with the desired frame.
     """
+    period, latency = clocks[:PERIOD], clocks[PERIOD:]
     usual, acted = period[SECONDS], silence
     if not is_timed or 0.0 < dt < silence:
         acted = dt
     longest = min(longest, LONGEST_STEP * usual)
-    if not (len(q) == before.shape[1] == len(dq) and 0.0 < dt <= longest and acted <= longest):
+    if not (len(q) == arm.shape[1] == len(dq) and 0.0 < dt <= longest and acted <= longest):
         return NOT_EXPECTED
     period_now = smoothed(usual, dt)
     if not (period_now <= fine_period and loop_rate * period_now <= fine_turn):
@@ -157,7 +164,7 @@ def admit_expected(
         early = best_at(latency, receipt) - behind
         if not -most <= early < _EARLY * usual:
             return NOT_EXPECTED
-    code = believed & code_of(q, dq, q[:0], velocity, arm, before, now, dt, True, True, False)
+    code = believed & code_of(q, dq, q[:0], arm, last, dt, True, True, False)
     # one that swings would be released only if it were held; a new stamp makes a new state
     if code & ((1 << JOINT) - 1) & ~(SAME | WOUND | SWINGS):
         return NOT_EXPECTED

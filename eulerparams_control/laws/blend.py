@@ -14,24 +14,27 @@ _NOTHING = 1e-12
 _TIME, _IS_NEW, _IS_LEFT, _LAST = range(4)
 
 
+def blend_width(n: int) -> int:
+    """Return how many floats the row of a blend of n values has."""
+    return _LAST + 2 * n
+
+
 class Blend:
     """The step between the last command and a new law, decaying at the rate 1 / time.
 
     Args:
         time: [s] of the decay.
         n: number of values of a command.
-
-    Attributes:
-        row: as :func:`blend` takes it.
+        row: (blend_width(n),) as :func:`blend` takes it; None is a new one.
 
     Raises:
         ConfigurationError: if the time is not positive.
     """
 
-    def __init__(self, time: float, n: int) -> None:
+    def __init__(self, time: float, n: int, row: Array | None = None) -> None:
         if not 0 < time < math.inf:
             raise ConfigurationError(f"blend_time is {time}; expected a positive time")
-        self.row: Array = np.zeros(_LAST + 2 * n)
+        self.row: Array = np.zeros(blend_width(n)) if row is None else row
         self.row[_TIME], self._n = time, n
 
     def reset(self) -> None:

@@ -52,6 +52,7 @@ from eulerparams_control.laws.scheme import (
     Tick,
     TipBounds,
     check_gains,
+    new,
     tick_places,
     too_far,
 )
@@ -271,7 +272,14 @@ class _Loop(NamedTuple):
     tip: TipBounds
 
 
-_read_loop = layout(_Loop).read
+class _Given(NamedTuple):
+    """What a tick is given."""
+
+    numbers: _Numbers
+    loop: _Loop
+
+
+_read_given = layout(_Given).read
 
 
 @kernel
@@ -297,7 +305,7 @@ def _slow_down(
 
 def _tick(
     chain: Rows, q: Input, dq: Input, desired_row: Input, before: Input, dt: float,
-    numbers: Input, posture: Input, turns: Rows, loop: Input, limits: Rows, step: Row, row: Row,
+    numbers: Input, posture: Rows, limits: Rows, step: Row, row: Row,
 ) -> int:  # fmt: skip
     """Fill the row of a tick, see :class:`Clik`, and return what is found.
 
@@ -307,13 +315,15 @@ def _tick(
         desired_row: the desired frame.
         before: the row of the tick before.
         dt: [s] since then.
-        numbers, posture, turns: of the law.
-        loop, limits: see :class:`_Loop`; and of the joints, there may be none of these.
+        numbers: see :class:`_Given`.
+        posture: (1, n) of the law, above the limits by whose turns positions differ; or (0, n).
+        limits: of the joints; there may be none.
         step: see :func:`blend`.
         row: is filled.
     """
     n, is_limited = len(q), limits.shape[1] > 0
-    given, closed, work = read_numbers(numbers, 0), _read_loop(loop, 0), np.empty((n, WORK))
+    given, closed = _read_given(numbers, 0)
+    work, tends = np.empty((n, WORK)), posture[0] if len(posture) > 0 else row[:0]
     at, at_q, at_dq, at_x = tick_places(n)
     q_c, dq_c, dq_0 = row[at_q:at_dq], row[at_dq:at_x], before[at_dq:at_x]
     integrate(limits, before[at_q:at_dq], dq_0, dt, q_c)
@@ -330,8 +340,8 @@ def _tick(
     if is_limited:
         most = closed.tip.limits
     x, is_found = law(
-        row[:n], tip.p_e, tip.R_e, J, desired, read(before, at_x), given, most, dt, posture, turns,
-        wanted,
+        row[:n], tip.p_e, tip.R_e, J, desired, read(before, at_x), given, most, dt, tends,
+        posture[1:], wanted,
     )  # fmt: skip
     put(row, at_x, x)
     row[at] = 1.0
@@ -396,8 +406,9 @@ class Clik(Scheme):
         self._blend = Blend(blend_time, robot.n)
         self._max_deviation = max_deviation
         self._places = tick_places(robot.n)
+        self.law = _checked(law, robot)
         self.keep_to(limits, max_error, motion)
-        self._take(_checked(law, robot))
+        self._take(self.law)
         self.reset(np.zeros(robot.n))
 
     def keep_to(
@@ -406,14 +417,22 @@ class Clik(Scheme):
         """Keep to these limits and errors from the next tick on."""
         self.limits, self._max_error = limits, max_error
         closed = self.feedback == FEEDBACKS[0], self._max_deviation
-        self._bounds = np.array([*closed, *max_error.row(motion)]), rows_of(limits)
+        self._loop = np.array([*closed, *max_error.row(motion)])
+        self._give()
 
     def _take(self, law: ClikLaw) -> None:
         self.law = law
         self._step = law_of(_tick, _law, type(law.orientation))  # before it is ticked
-        posture = NONE if law.posture is None else law.posture
-        self._given = law.numbers, posture, rows_of(law.joints)
         self._unpack, self.loop_rate = law.orientation.rows.unpack, law.fastest_gain.rate
+        self._give()
+
+    def _give(self) -> None:
+        """Gather what each tick is given."""
+        law, posture = self.law, np.empty((0, self.robot.n))
+        if law.posture is not None:
+            posture = np.vstack((law.posture, self.robot.limits.rows))
+        numbers = np.concatenate((law.numbers, self._loop))
+        self._given = numbers, posture, rows_of(self.limits), self._blend.row
 
     def replace_law(self, law: ClikLaw) -> None:
         """Go over to another law, without a jump of the command.
@@ -437,7 +456,8 @@ class Clik(Scheme):
 
     def bound(self, joints: JointLimits) -> None:
         """Keep to limits of the joints from the next tick on."""
-        self.limits, self._bounds = joints, (self._bounds[0], joints.rows)
+        self.limits = joints
+        self._give()
 
     @property
     def fastest_gain(self) -> LoopGain:
@@ -493,15 +513,15 @@ class Clik(Scheme):
         robot, before = self.robot, self._row
         if len(q) != robot.n or len(dq) != robot.n:
             robot.refuse_size(q, dq)
-        row, of_law = np.empty(len(before)), (*self._given, *self._bounds, self._blend.row)
-        found = self._step(robot.chain, q, dq, desired, before, dt, *of_law, row)
+        row = np.empty(len(before))
+        found = self._step(robot.chain, q, dq, desired, before, dt, *self._given, row)
         if found < 0:
             raise self._error(found, row, q, DesiredFrame.of(desired))
         at, at_q, at_dq, at_x = self._places
         self._row, self._q, self._dq = row, row[at_q:at_dq], row[at_dq:at_x]
         told = found > 0, row.item(at), None, row[at_x:]
-        command = JointCommand(self._q, self._dq)
-        return Tick(command, desired, row, robot.n, self._unpack, *told)
+        command = new(JointCommand, (self._q, self._dq, None, None))
+        return new(Tick, (command, desired, row, robot.n, self._unpack, *told))
 
     def _error(
         self, found: int, row: Array, q: Array, desired: DesiredFrame

@@ -47,6 +47,7 @@ from eulerparams_control.laws.compiled import (
 from eulerparams_control.laws.compliant_frame import TRANSLATIONAL_FRAMES
 from eulerparams_control.laws.dynamic_control import (
     INFINITE_EFFORT,
+    OF_LAW,
     SINGULAR,
     STEEP_JOINT,
     DynamicControl,
@@ -54,7 +55,7 @@ from eulerparams_control.laws.dynamic_control import (
 )
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.inverse import solve_rows, symmetric_modes
-from eulerparams_control.laws.inverse_dynamics import INFINITE, commanded, resolve_acceleration
+from eulerparams_control.laws.inverse_dynamics import INFINITE, NUMBERS, RATE, commanded, resolved
 from eulerparams_control.laws.limits import without_accelerations
 from eulerparams_control.laws.linear import (
     Mat,
@@ -536,10 +537,8 @@ def _drive(
 
 def _tick(
     chain: Rows, work: Rows, row: Row, q_now: Input, dq_now: Input, desired_row: Input,
-    force: Input, previous: Input, dt: float, lasts: float, dq_before: Input, ddq_before: Input,
-    drift: Row, before: Input, numbers: Input, bounds: Input, resolution: Input, posture: Input,
-    turns: Rows, friction: Rows, gravity: bool, coriolis: bool, limits: Rows, rate: Input,
-    step: Row,
+    force: Input, previous: Input, dt: float, lasts: float, past: Rows, numbers: Input,
+    posture: Rows, friction: Rows, limits: Rows, step: Row,
 ) -> int:  # fmt: skip
     """Fill the row of a tick as that of dynamic control, with :class:`Effects` behind x_de.
 
@@ -550,8 +549,8 @@ def _tick(
     if len(q_now) > 0:
         put_arm(chain, q_now, dq_now, work, row)
     q, dq, tip, J = row[:n], row[n : 2 * n], read_tip(row, 2 * n), jacobian_in(row, n)
-    desired = read_frame(desired_row, 0)
-    given, most = _numbers(numbers, 0), read_bounds(bounds, 0)
+    desired, rate = read_frame(desired_row, 0), limits[RATE] if is_limited else step[:0]
+    given, most = _numbers(numbers, OF_LAW), read_bounds(numbers, NUMBERS)
     put(row, at_x, displacement(desired.R_d, tip.R_e, read(previous, 0), given.options))
     part = 1.0 - _read_effects(previous, len(previous) - effects_width).lowered
     pull = law(tip, desired, given, part)
@@ -568,7 +567,7 @@ def _tick(
     )
     put_vec(a, 0, desired.ddp_d)
     put_vec(a, 3, desired.domega_d)
-    resolve_acceleration(q, dq, J, dJ_dq(row, n), a, resolution, posture, turns, ddq)
+    resolved(q, dq, J, dJ_dq(row, n), a, numbers, posture, ddq)
     for i in range(n):
         for j in range(6):
             ddq[i] += M[i, n + j] * w[j]  # J' w, as what it accelerates
@@ -579,9 +578,8 @@ def _tick(
     told = driven.dissipated, driven.rate, driven.turning, 1.0 - driven.part
     _put_effects(row, len(row) - effects_width, Effects(pull.f, pull.mu, pull.energy, *told))
     changed = commanded(
-        chain, work, q, dq, J, ddq, force[:0], dt, lasts, dq_before, ddq_before, drift, before,
-        friction, gravity, coriolis, without_accelerations(limits), rate,
-        row[at_ddq:at_tau], row[at_tau:at_x],
+        chain, work, q, dq, J, ddq, force[:0], dt, lasts, past, friction, numbers,
+        without_accelerations(limits), row[at_ddq:at_tau], row[at_tau:at_x],
     )  # fmt: skip
     if changed & INFINITE:
         return INFINITE_EFFORT

@@ -38,9 +38,11 @@ _LEAST_SPEED = (0.005, 0.05)
 
 # Rows of the state, 6 numbers each: w and v without noise; their means; sign and time of the last
 # turn, when turns began, and how many there were; the same of presses, and whether it is pressed;
-# then the books: energy, swinging power given and in size, of forces and of moments; time.
-_W, _V, _MEAN_W, _MEAN_V, _TURN, _PRESS, _IS_PRESSED, _BOOKS = 0, 1, 2, 3, 4, 8, 12, 13
+# the books: energy, swinging power given and in size, of forces and of moments; time; at last what
+# is expected: ripples of force and moment, and how far apart bounces may be.
+_W, _V, _MEAN_W, _MEAN_V, _TURN, _PRESS, _IS_PRESSED, _BOOKS, _MOST = 0, 1, 2, 3, 4, 8, 12, 13, 14
 _ENERGY, _GIVEN, _SIZE, _TIME = 0, 1, 3, 5
+_APART = 2
 
 
 class Oscillation(IntEnum):
@@ -59,13 +61,13 @@ class ContactWatch:
         translation, rotation: the impedances, which say how far apart bounces may be.
 
     Attributes:
-        most, state: rows of :func:`observe`, which moves the state on.
+        state: rows of :func:`observe`, which moves them on.
     """
 
     def __init__(
         self, force: float, moment: float, translation: Impedance, rotation: Impedance
     ) -> None:
-        self.state = np.zeros((_BOOKS + 1, 6))
+        self.state = np.zeros((_MOST + 1, 6))
         self.expect(force, moment, translation, rotation)
         self.reset()
 
@@ -73,15 +75,15 @@ class ContactWatch:
         self, force: float, moment: float, translation: Impedance, rotation: Impedance
     ) -> None:
         """Go on with another law."""
-        self.most = np.array([force, moment, _gap(translation), _gap(rotation)])
+        self.state[_MOST, :4] = force, moment, _gap(translation), _gap(rotation)
 
     def expect_changes(self) -> None:
         """Let only quick bounces count: a program swings the stiffness, and so the contact."""
-        self.most[2:] = _NEXT_PRESS
+        self.state[_MOST, _APART:] = _NEXT_PRESS
 
     def reset(self) -> None:
         """Start again: nothing was given."""
-        self.state[:] = 0.0
+        self.state[:_MOST] = 0.0
         self.look_again()
 
     def look_again(self) -> None:
@@ -100,7 +102,7 @@ class ContactWatch:
             v, omega: (3,) of the tip.
             dt: [s] since the last one.
         """
-        found = Oscillation(observe(w, v, omega, dt, self.most, self.state))
+        found = Oscillation(observe(w, v, omega, dt, self.state))
         if found:
             self.look_again()
         return found
@@ -160,9 +162,9 @@ def _found(i: int, swing: float, ripple: float, gap: float, books: Row, state: R
 
 
 @entry
-def observe(w: Input, v: Input, omega: Input, dt: float, most: Input, state: Rows) -> int:
+def observe(w: Input, v: Input, omega: Input, dt: float, state: Rows) -> int:
     """Take one sample, see :class:`ContactWatch`; return the :class:`Oscillation`."""
-    books, left, found = state[_BOOKS], math.exp(-dt / _MEMORY), 0
+    books, most, left, found = state[_BOOKS], state[_MOST], math.exp(-dt / _MEMORY), 0
     quick, slow = 1.0 - math.exp(-dt / _NOISE), 1.0 - math.exp(-dt / _MEAN)
     if books[_TIME] == 0.0:
         quick = slow = 1.0
@@ -181,5 +183,5 @@ def observe(w: Input, v: Input, omega: Input, dt: float, most: Input, state: Row
             books[_SIZE + part] *= left
         books[_GIVEN + part] += given
         books[_SIZE + part] += abs(given)
-        found = max(found, _found(i, swing, most[part], most[2 + part], books, state))
+        found = max(found, _found(i, swing, most[part], most[_APART + part], books, state))
     return found

@@ -28,22 +28,25 @@ from eulerparams_control.laws.compiled import (
     to_rows,
 )
 from eulerparams_control.laws.inverse_dynamics import (
-    CUT,
+    DDQ,
+    DQ,
+    DRIFT,
     INFINITE,
-    RAMPED,
+    NUMBERS,
+    PAST,
+    TAU,
     InverseDynamics,
     check_model,
     command_effort,
     commanded,
     fitted,
-    resolve_acceleration,
+    resolved,
 )
 from eulerparams_control.laws.limits import (
     SHORTEST,
     UNLIMITED,
     JointLimits,
     excess_after,
-    rows_of,
 )
 from eulerparams_control.laws.linear import Vec, mat, norm, put_vec, read_vec, vec
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
@@ -58,8 +61,10 @@ from eulerparams_control.laws.scheme import (
     LoopGain,
     Scheme,
     Tick,
+    TipBounds,
     check_gains,
     is_too_far,
+    new,
     read_bounds,
     tick_places,
     too_far,
@@ -162,6 +167,9 @@ def _acceleration(
     return is_found
 
 
+OF_LAW = NUMBERS + layout(TipBounds).width
+"""Where the numbers of a law are among those of a tick."""
+
 # What a tick finds beside what changed an effort: FAR, TURNED, or one of these.  _WORDS has the
 # text of each code; SINGULAR uses the text of the representation.
 SINGULAR, _STEEP, STEEP_JOINT, INFINITE_EFFORT = -3, -4, -5, -6
@@ -183,10 +191,8 @@ def is_bounded(values: Row) -> bool:
 
 def _tick(
     chain: Rows, work: Rows, row: Row, q_now: Input, dq_now: Input, desired_row: Input,
-    h: Input, previous: Input, dt: float, lasts: float, dq_before: Input, ddq_before: Input,
-    drift: Row, before: Input, numbers: Input, bounds: Input, resolution: Input, posture: Input,
-    turns: Rows, friction: Rows, gravity: bool, coriolis: bool, limits: Rows, rate: Input,
-    step: Row,
+    h: Input, previous: Input, dt: float, lasts: float, past: Rows, numbers: Input,
+    posture: Rows, friction: Rows, limits: Rows, step: Row,
 ) -> int:  # fmt: skip
     """Fill the row of a tick; return what is found.
 
@@ -197,10 +203,9 @@ def _tick(
         desired_row: the desired frame.
         h: (6,) [N, Nm] what the end effector exerts on the environment; (0,) is nothing.
         previous: x_de of the tick before.
-        dt, lasts, dq_before, ddq_before, drift, before: see :func:`commanded`.
-        numbers, bounds: of the law, and of its errors.
-        resolution, posture, turns: see :func:`resolve_acceleration`.
-        friction, gravity, coriolis, limits, rate: see :func:`commanded`.
+        dt, lasts, past, friction, limits: see :func:`commanded`.
+        numbers: of the inverse dynamics; behind them :class:`TipBounds`, and those of the law.
+        posture: (1, n), above the limits by whose turns positions differ; or (0, n).
         step: see :func:`blend`.
     """
     n = len(work)
@@ -208,11 +213,11 @@ def _tick(
     if len(q_now) > 0:
         put_arm(chain, q_now, dq_now, work, row)
     q, dq, tip, J = row[:n], row[n : 2 * n], read_tip(row, 2 * n), jacobian_in(row, n)
-    desired = read_frame(desired_row, 0)
-    given, most, drifts, a = _numbers(numbers, 0), read_bounds(bounds, 0), np.zeros(6), np.empty(6)
+    desired, drifts, a = read_frame(desired_row, 0), np.zeros(6), np.empty(6)
+    given, most = _numbers(numbers, OF_LAW), read_bounds(numbers, NUMBERS)
     for i in range(6):
         for k in range(n):
-            drifts[i] += J[i, k] * drift[k]
+            drifts[i] += J[i, k] * past[DRIFT, k]
     x, is_found = law(tip, desired, read(previous, 0), given, most.limits, drifts, a)
     put(row, at_x, x)
     if not is_found:
@@ -224,14 +229,14 @@ def _tick(
     if not is_bounded(a):
         return _STEEP
     ddq = np.empty(n)
-    resolve_acceleration(q, dq, J, dJ_dq(row, n), a, resolution, posture, turns, ddq)
+    resolved(q, dq, J, dJ_dq(row, n), a, numbers, posture, ddq)
     blend(step, dt, ddq)
     if not is_bounded(ddq):
         return STEEP_JOINT
     row[at] = excess_after(limits, dq, ddq) if limits.shape[1] > 0 else 1.0
     changed = commanded(
-        chain, work, q, dq, J, ddq, h, dt, lasts, dq_before, ddq_before, drift, before,
-        friction, gravity, coriolis, limits, rate, row[at_ddq:at_tau], row[at_tau:at_x],
+        chain, work, q, dq, J, ddq, h, dt, lasts, past, friction, numbers, limits,
+        row[at_ddq:at_tau], row[at_tau:at_x],
     )  # fmt: skip
     if changed & INFINITE:
         return INFINITE_EFFORT
@@ -368,11 +373,11 @@ class EffortLimits:
         object.__setattr__(self, "errors", ErrorBounds(self.error_position, self.error_rotation))
 
     @cached_property
-    def rates(self) -> Array:
-        """The rates (n,) [Nm/s] of the efforts; (0,): there are no limits."""
+    def rows(self) -> Array:
+        """The limits of the joints, and the rates [Nm/s] of the efforts; or of no joint."""
         if self.joints is None:
-            return NONE
-        return np.full(len(self.joints.effort), self.rate, dtype=float)
+            return UNLIMITED
+        return np.vstack((self.joints.rows, np.full(len(self.joints.effort), self.rate)))
 
     @cached_property
     def bounds(self) -> Array:
@@ -439,7 +444,7 @@ class DynamicControl(Scheme):
         if not is_same:
             self._forget_x()  # it means nothing to another representation
         if not self._saturated:  # of a law that failed nothing is to go on
-            self._blend.replace(self._ddq)
+            self._blend.replace(self._past[DDQ])
 
     def _take(self, law: EffortLaw, dynamics: InverseDynamics, limits: EffortLimits) -> None:
         self.law, self.dynamics, self._step = law, dynamics, law.step  # compiled before a tick
@@ -449,18 +454,12 @@ class DynamicControl(Scheme):
         self.loop_rate = 0.0 if gain is None else gain.rate
 
     def _keep_to(self, limits: EffortLimits) -> None:
-        self.limits, law, dynamics = limits, self.law, self.dynamics
-        posture = NONE if dynamics.posture is None else dynamics.posture
-        resolution = dynamics.numbers, posture, rows_of(dynamics.joints)
-        compensated = self._compensated(dynamics)
-        self._given = law.numbers, limits.bounds, *resolution, *compensated, self._blend.row
-
-    def _compensated(self, dynamics: InverseDynamics) -> tuple[Any, ...]:
-        """Return what is compensated, and the limits, as :func:`commanded` takes them."""
-        limits = self.limits
-        joints = UNLIMITED if limits.joints is None else limits.joints.rows
-        given = dynamics.friction_rows, dynamics.gravity, dynamics.coriolis
-        return *given, joints, limits.rates
+        self.limits, dynamics = limits, self.dynamics
+        posture = np.empty((0, self.robot.n))
+        if dynamics.posture is not None:
+            posture = np.vstack((dynamics.posture, self.robot.limits.rows))
+        numbers = np.concatenate((dynamics.numbers, limits.bounds, self.law.numbers))
+        self._given = numbers, posture, dynamics.friction_rows, limits.rows, self._blend.row
 
     def _forget_x(self) -> None:
         self._x_de = np.zeros(self.law.width)
@@ -493,28 +492,35 @@ class DynamicControl(Scheme):
             self._start = None
         else:
             self._start = self.robot.limits.limit_effort(effort)[0]
+        self._note_efforts()
 
     def reset(self, q: Array) -> None:
         """Begin at the measured q (n,)."""
         self._q = q.copy()
-        self._ddq = np.zeros_like(q)
-        self._drift = np.zeros(len(q))
-        self._dq = NONE  # of the tick before, whose efforts were as wanted
+        self._past = np.zeros((PAST, len(q)))
+        self._past[DQ] = math.nan
         self._saturated = False
         self._tau: Array | None = None
+        self._note_efforts()
         self._forget_x()
         self._braked: tuple[Array, Array] | None = None  # q, dq (n,) of joints that are to stop
         self._blend.reset()
 
     def skip(self) -> None:
         """Forget the speeds of the tick before, which tell how the joints drift."""
-        self._dq = NONE
+        self._past[DQ] = math.nan
 
     def resume(self, q: Array) -> None:
         """Begin at the measured q (n,), with the efforts as they are."""
         tau = self._tau
         self.reset(q)
         self._tau = tau
+        self._note_efforts()
+
+    def _note_efforts(self) -> None:
+        """Note which efforts act: the last ones, or those at the start, or those of the weight."""
+        acting = self._start if self._tau is None else self._tau
+        self._past[TAU] = math.nan if acting is None else acting
 
     def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
         """Return efforts that stop the joints within their accelerations, and hold them there.
@@ -582,7 +588,8 @@ class DynamicControl(Scheme):
         row = np.empty(self.width)
         tau, saturated, excess = self.efforts(dt, row, desired, h, q, dq)
         told = saturated, excess, None, self._x_de
-        return Tick(JointCommand(effort=tau), desired, row, n, self._unpack, *told)
+        command = new(JointCommand, (None, None, tau, None))
+        return new(Tick, (command, desired, row, n, self._unpack, *told))
 
     def efforts(
         self, dt: float, row: Array, desired: Array, h: Array,
@@ -595,18 +602,18 @@ class DynamicControl(Scheme):
                 and ``work`` was filled, too.
             dt, desired, h, q, dq: as :meth:`step` takes them, which says what is raised.
         """
-        robot, (at, at_ddq, at_tau, at_x) = self.robot, self._places
-        n = robot.n
+        robot, (at, _, at_tau, at_x) = self.robot, self._places
+        given = self._past, *self._given
         found = self._step(
-            robot.chain, self.work, row, q, dq, desired, h, self._x_de, *self._past(dt),
-            *self._given,
-        )  # fmt: skip
-        self._q, self._braked = row[:n], None
+            robot.chain, self.work, row, q, dq, desired, h, self._x_de, dt, self._lasts(dt), *given
+        )
+        self._q, self._braked = row[: robot.n], None
         if found < 0:
             raise self._error(found, row, DesiredFrame.of(desired))
         self._saturated, self._x_de = found != 0, row[at_x:]
-        self._keep(found, row[n : 2 * n], row[at_ddq:at_tau], row[at_tau:at_x])
-        return self._tau, self._saturated, row.item(at)
+        tau = self._tau = row[at_tau:at_x]
+        self._start = None
+        return tau, self._saturated, row.item(at)
 
     def _error(
         self, found: int, row: Array, desired: DesiredFrame
@@ -621,12 +628,9 @@ class DynamicControl(Scheme):
         assert isinstance(self.law, ResolvedAcceleration)  # another law has another scheme
         return self.law.lyapunov(tick.x_de, tick.desired.omega_d - tick.state.omega_e)
 
-    def _past(self, dt: float) -> tuple[Any, ...]:
-        """Return what is known of the command before, as :func:`commanded` takes it."""
-        before, lasts = self._tau, dt
-        if before is None:
-            before, lasts = NONE if self._start is None else self._start, max(dt, SHORTEST)
-        return dt, lasts, self._dq, self._ddq, self._drift, before
+    def _lasts(self, dt: float) -> float:
+        """Return how long [s] the efforts before have acted, dt [s] after the tick before."""
+        return max(dt, SHORTEST) if self._tau is None else dt
 
     def _command(
         self, q: Array, dq: Array, ddq: Array, dt: float, dynamics: InverseDynamics
@@ -636,15 +640,10 @@ class DynamicControl(Scheme):
         Raises:
             SingularityError: if they are not finite; nothing is kept then.
         """
-        wanted, tau = np.empty_like(q), np.empty_like(q)
-        arm, given = (self.robot.chain, q, dq, _NO_J), self._compensated(dynamics)
-        found = command_effort(*arm, ddq, NONE, *self._past(dt), *given, wanted, tau)
-        if found & INFINITE:
+        wanted, tau, arm = np.empty_like(q), np.empty_like(q), (self.robot.chain, q, dq, _NO_J)
+        given = dynamics.friction_rows, dynamics.numbers, self.limits.rows
+        past = dt, self._lasts(dt), self._past
+        if command_effort(*arm, ddq, NONE, *past, *given, wanted, tau) & INFINITE:
             raise SingularityError(_WORDS[INFINITE_EFFORT])
-        self._keep(found, dq, wanted, tau)
+        self._tau, self._start = tau, None
         return tau
-
-    def _keep(self, changed: int, dq: Array, ddq: Array, tau: Array) -> None:
-        """Remember a command for the next one: what changed it, and dq, ddq, tau (n,)."""
-        self._ddq, self._tau, self._start = ddq, tau, None
-        self._dq = NONE if changed & (CUT | RAMPED) else dq

@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,12 +22,11 @@ from eulerparams_control.errors import (
     FollowingError,
     OverloadError,
 )
-from eulerparams_control.laws.blend import Blend, blend, kept
+from eulerparams_control.laws.blend import Blend, blend, blend_width, kept
 from eulerparams_control.laws.compiled import (
     NONE,
     Array,
     Input,
-    Inputs,
     Row,
     Rows,
     layout,
@@ -46,8 +46,9 @@ from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import Lyapunov
 from eulerparams_control.laws.orientation.base import Coordinates, entry_of
 from eulerparams_control.laws.rotations import angle_between, exp
-from eulerparams_control.laws.scheme import Bounds, JointCommand, LoopGain, Scheme, Tick
+from eulerparams_control.laws.scheme import Bounds, JointCommand, LoopGain, Scheme, Tick, new
 from eulerparams_control.laws.wrench import (
+    STATE,
     SensedWrench,
     WrenchChain,
     WrenchOptions,
@@ -74,8 +75,6 @@ from eulerparams_control.robot.robot import Robot, RobotState
 
 # Time [s] in which the wrench goes over to one that is made otherwise, or lost, or found again.
 _BLEND_TIME = 0.1
-
-_NOT_SENSED = SensedWrench(NONE, AT_ORIGIN)
 
 _TOO_LARGE = -1
 """Of a contact; else what is sensed has the code of an :class:`Oscillation`."""
@@ -185,9 +184,10 @@ class ImpedanceLaw:
     sense: Callable[..., int] = field(init=False, repr=False, compare=False)
 
     @cached_property
-    def most(self) -> Array:
-        """The largest force and moment of the contact."""
-        return np.array([self.max_force, self.max_moment])
+    def numbers(self) -> Array:
+        """What is sensed is made of, as a row, see :class:`_Numbers`."""
+        most, options = (self.max_force, self.max_moment), self.compliance.orientation.options.row
+        return np.concatenate((most, options, self.wrench.numbers))
 
     @cached_property
     def at(self) -> Array:
@@ -231,36 +231,48 @@ class ImpedanceLaw:
 
 
 displacement = read = put = slot  # of a representation
-_read_options = layout(Coordinates).read
+
+
+class _Numbers(NamedTuple):
+    """Largest force [N] and moment [Nm] of a contact; the options of the representation."""
+
+    force: float
+    moment: float
+    options: Coordinates
+
+
+_numbers = layout(_Numbers)
+_read_numbers, _OF_WRENCH = _numbers.read, _numbers.width
 
 
 def _sense(
-    chain: Rows, q: Input, dq: Input, work: Rows, row: Row,
-    desired: Input, previous: Input, options: Input,
-    w_s: Input, R_s: Inputs, p_s: Input, numbers: Input, felt: Row, found: Row, before: Input,
-    most: Input, change: Row, fade: Row, swing: Input, contact: Input, watch: Rows, dt: float,
-    sensed: Row,
+    chain: Rows, q: Input, dq: Input, work: Rows, row: Row, desired: Input, previous: Input,
+    w_s: Input, sensor: Row, numbers: Input, memory: Row, before: Input, blends: Rows,
+    swing: Input, watch: Rows, dt: float, sensed: Row,
 ) -> int:  # fmt: skip
     """Fill the row of an arm, and what it senses; return what the contact does.
 
     Args:
         chain, q, dq, work, row: see :func:`put_arm`.
         desired: the desired frame, from which the tip is displaced by x_de.
-        previous, options: x_de of the tick before, and of the representation.
-        w_s, R_s, p_s, numbers, felt, found: see :func:`feel`; w_s (0,): nothing is measured.
+        previous: x_de of the tick before.
+        w_s: (6,) what the sensor measures; (0,): nothing.
+        sensor: (12,) orientation and origin of its frame, seen from the tip.
+        numbers: see :class:`_Numbers`; behind them those of the wrench.
+        memory: see :class:`WrenchChain`.
         before: (n,) speeds in the tick before, whose change is the acceleration; or (0,).
-        most: [N], [Nm] of the contact.
-        change, fade: blends of w and of h.
+        blends: of w and of h.
         swing: (3,) [N] of the contact that is commanded: that is no oscillation.
-        contact, watch: see :func:`observe`.
+        watch: see :func:`observe`.
         dt: [s] after the tick before.
         sensed: is filled with w (6,), h (6,), x_de.
     """
     n, w, h, acceleration, watched = len(q), sensed[:6], sensed[6:12], np.empty(0), np.empty(6)
-    tip = row[2 * n : 2 * n + TIP]
+    tip, felt, found = row[2 * n : 2 * n + TIP], memory[:STATE], memory[STATE:]
+    change, fade, given = blends[0], blends[1], _read_numbers(numbers, 0)
     put_arm(chain, q, dq, work, row)
     R_d, R_e = read_frame(desired, 0).R_d, read_tip(row, 2 * n).R_e
-    put(sensed, 12, displacement(R_d, R_e, read(previous, 0), _read_options(options, 0)))
+    put(sensed, 12, displacement(R_d, R_e, read(previous, 0), given.options))
     if len(w_s) == 0:  # what is not known any more fades away
         felt[6] = 0.0
         w[:] = 0.0
@@ -271,9 +283,10 @@ def _sense(
                 acceleration[i] = bias[i]
                 for k in range(n):
                     acceleration[i] += J[i, k] * ((dq[k] - before[k]) / dt)  # J ddq + dJ dq
-        R_e = tip[3:12].reshape(3, 3)
-        feel(w_s, R_s, p_s, R_e, tip[15:18], acceleration, dt, numbers, felt, found)
-        if not (found[6] <= most[0] and found[7] <= most[1]):
+        R_e, omega_e, of_wrench = tip[3:12].reshape(3, 3), tip[15:18], numbers[_OF_WRENCH:]
+        R_s, p_s = sensor[:9].reshape(3, 3), sensor[9:]
+        feel(w_s, R_s, p_s, R_e, omega_e, acceleration, dt, of_wrench, felt, found)
+        if not (found[6] <= given.force and found[7] <= given.moment):
             return _TOO_LARGE
         w[:] = found[:6]
     blend(change, dt, w)
@@ -285,7 +298,7 @@ def _sense(
     for i in range(6):
         h[i] = -h[i]
         watched[i] = w[i] + swing[i] if i < 3 else w[i]
-    return observe(watched, tip[12:15], tip[15:18], dt, contact, watch)
+    return observe(watched, tip[12:15], tip[15:18], dt, watch)
 
 
 class ImpedanceControl(Scheme):
@@ -317,9 +330,11 @@ class ImpedanceControl(Scheme):
         self.contact = ContactWatch(*law.watched)
         self.force = ForceControl(law.force)
         self.damping, self._free = 1.0, 0.0
-        self._blend = Blend(_BLEND_TIME, 6)  # to a wrench that is made otherwise
-        self._fade = Blend(_BLEND_TIME, 6)  # of h, to and from no wrench
+        self._blends = np.zeros((2, blend_width(6)))
+        self._blend = Blend(_BLEND_TIME, 6, self._blends[0])  # to a wrench that is made otherwise
+        self._fade = Blend(_BLEND_TIME, 6, self._blends[1])  # of h, to and from no wrench
         self._sensed: SensedWrench | None = None
+        self._sensor, self._sensor_row = AT_ORIGIN, AT_ORIGIN.row
         self.is_frozen, self.loop_rate = True, motion.loop_rate
         self._dq = NONE  # of the tick before
         self._w, self._h = np.zeros(6), np.zeros(6)
@@ -340,6 +355,8 @@ class ImpedanceControl(Scheme):
         if (wrench is None) != (self._sensed is None) and self._compliant.row is not None:
             self._fade.replace(-self._h)
         self._sensed, self.is_frozen = wrench, wrench is None
+        if wrench is not None and wrench.sensor is not self._sensor:
+            self._sensor, self._sensor_row = wrench.sensor, wrench.sensor.row
 
     def press(self, force: Array) -> None:
         """Let the tool exert a force (3,) [N] on the environment, axes of the compliance."""
@@ -536,12 +553,10 @@ class ImpedanceControl(Scheme):
         row, sensed = np.empty(motion.width), np.empty(12 + len(before))
         if len(q) != n or len(dq) != n:
             robot.refuse_size(q, dq)
-        w_s, (R_s, p_s) = self._sensed or _NOT_SENSED
-        orientation = law.compliance.orientation
+        w_s = NONE if self._sensed is None else self._sensed.w
         found = law.sense(
-            robot.chain, q, dq, motion.work, row, desired, before, orientation.options.row,
-            w_s, R_s, p_s, chain.options.numbers, chain.state, chain.found, self._dq, law.most,
-            self._blend.row, self._fade.row, self.force.swing, contact.most, contact.state, dt,
+            robot.chain, q, dq, motion.work, row, desired, before, w_s, self._sensor_row,
+            law.numbers, chain.memory, self._dq, self._blends, self.force.swing, contact.state, dt,
             sensed,
         )  # fmt: skip
         self._q, self._dq, self._held = q, row[n : 2 * n], None
@@ -556,11 +571,12 @@ class ImpedanceControl(Scheme):
         if self.force.is_on:
             h = h + self._ahead(row)
         tau, saturated, excess = motion.efforts(dt, row, compliant, h)  # eq. (48)
-        command = JointCommand(None, None, tau, compliant)
+        command = new(JointCommand, (None, None, tau, compliant))
         # of the tip from the desired frame, not from the compliant one
         self._x_de = x_de = sensed[12:]
         told = saturated, excess, None if self.is_frozen else w, x_de
-        return Tick(command, desired, row, n, orientation.rows.unpack, *told)
+        unpack = law.compliance.orientation.rows.unpack
+        return new(Tick, (command, desired, row, n, unpack, *told))
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return V_3 and its derivative, eqs. (68), (69), of the rotation of the centre."""

@@ -75,18 +75,21 @@ class InverseDynamics:
         Of the terms that are compensated here; h (6,) [N, Nm] is what the end effector exerts
         on the environment, base frame.
         """
-        n, given = len(ddq), (self.friction_rows, self.gravity, self.coriolis, UNLIMITED, NONE)
-        wanted, tau = np.empty(n), np.empty(n)
-        past = 0.0, 0.0, NONE, ddq, np.zeros(n), NONE
-        command_effort(robot.chain, arm.q, arm.dq, arm.J, ddq, h, *past, *given, wanted, tau)
+        n, given = len(ddq), (self.friction_rows, self.numbers, UNLIMITED)
+        past, wanted, tau = np.empty((PAST, n)), np.empty(n), np.empty(n)
+        state = robot.chain, arm.q, arm.dq, arm.J
+        command_effort(*state, ddq, h, 0.0, 0.0, past, *given, wanted, tau)
         return tau
 
     @cached_property
     def numbers(self) -> Array:
-        """Gains and damping as a row."""
-        damped = self.inverse
-        gains = self.k_posture, self.k_null
-        return np.array([*gains, damped.eps, damped.lambda_max, damped.length])
+        """Gains, damping, and whether g and C dq are compensated, as a row."""
+        damped, gains = self.inverse, (self.k_posture, self.k_null)
+        damping, compensated = (
+            (damped.eps, damped.lambda_max, damped.length),
+            (self.gravity, self.coriolis),
+        )
+        return np.array([*gains, *damping, *compensated], dtype=float)
 
     @cached_property
     def friction_rows(self) -> Array:
@@ -94,6 +97,18 @@ class InverseDynamics:
         friction = self.friction
         return np.empty((2, 0)) if friction is None else np.array([*astuple(friction)])
 
+
+NUMBERS, _GRAVITY, _CORIOLIS = 7, 5, 6
+"""How many floats :attr:`InverseDynamics.numbers` has."""
+
+DQ, DDQ, TAU, DRIFT = range(4)
+"""Rows of what is known of the command before: speeds measured then, or NaN where it was not
+obeyed; the accelerations that were wanted; the efforts that act, or NaN where the weight does; and
+by how much [rad/s^2] the joints accelerate more than commanded."""
+
+PAST = DRIFT + 1
+RATE = 5
+"""Row of the rates of the efforts, below the limits of the joints."""
 
 # What changed an effort: the law asks for too much acceleration, effort or change of it; or it
 # is not finite.
@@ -119,10 +134,18 @@ def resolve_acceleration(
 
 
 @kernel
+def resolved(
+    q: Input, dq: Input, J: Inputs, dJ_dq: Input, a: Input, numbers: Input, posture: Rows, ddq: Row
+) -> None:
+    """Fill ddq (n,) as ``resolve_acceleration``: the posture is above the limits of the joints."""
+    tends = posture[0] if len(posture) > 0 else a[:0]
+    resolve_acceleration(q, dq, J, dJ_dq, a, numbers, tends, posture[1:], ddq)
+
+
+@kernel
 def commanded(
     chain: Rows, work: Rows, q: Input, dq: Input, J: Inputs, ddq: Input, h: Input,
-    dt: float, lasts: float, dq_before: Input, ddq_before: Input, drift: Row, before: Input,
-    friction: Rows, gravity: bool, coriolis: bool, limits: Rows, rate: Input,
+    dt: float, lasts: float, past: Rows, friction: Rows, numbers: Input, limits: Rows,
     wanted: Row, tau: Row,
 ) -> int:  # fmt: skip
     """Fill tau (n,) = B ddq + C dq + d + g + J' h, eqs. (33), (48), within the limits.
@@ -135,24 +158,25 @@ def commanded(
         ddq: (n,) wanted.
         h: (6,) [N, Nm] what the end effector exerts on the environment; (0,) is nothing.
         dt: [s] since the command before, which acts for ``lasts`` [s].
-        dq_before, ddq_before: (n,) measured, and wanted, then; dq_before (0,): it was not obeyed.
-        drift: (n,) [rad/s^2] by which the joints accelerate more than commanded; is updated.
-        before: (n,) efforts that act; (0,): the weight does.
+        past: rows of the command before, which become those of this one.
         friction: (2, n), viscous and Coulomb, that is compensated; (2, 0) is none.
-        gravity, coriolis: whether these are compensated here; else the robot adds them itself.
-        limits: (5, n) of the joints; (5, 0) are none.
-        rate: (n,) [Nm/s] of each effort.
+        numbers: of the inverse dynamics; what is not compensated the robot adds itself.
+        limits: (5, n) of the joints, and the rates [Nm/s] of the efforts; or of no joint.
         wanted: (n,) is filled with the accelerations within the limits.
         tau: (n,) is filled.
     """
-    n, found = len(q), 0
-    is_limited = limits.shape[1] > 0
+    n, found, drift = len(q), 0, past[DRIFT]
+    is_limited, gravity, coriolis = (
+        limits.shape[1] > 0,
+        numbers[_GRAVITY] != 0.0,
+        numbers[_CORIOLIS] != 0.0,
+    )
     for i in range(n):
         wanted[i] = ddq[i]
     if is_limited:
-        if len(dq_before) > 0 and dt > 0.0:  # the efforts before were as wanted
+        if not math.isnan(past[DQ, 0]) and dt > 0.0:  # the efforts before were as wanted
             for i in range(n):
-                more = (dq[i] - dq_before[i]) / dt - ddq_before[i]
+                more = (dq[i] - past[DQ, i]) / dt - past[DDQ, i]
                 drift[i] += (1.0 - math.exp(-dt / _DRIFT_TIME)) * (more - drift[i])
         if limit_acceleration(limits, q, dq, ddq, dt, drift, wanted):
             found |= SLOWED
@@ -169,41 +193,53 @@ def commanded(
             tau[i] += J[j, i] * h[j]  # eq. (48)
         if not math.isfinite(tau[i]):
             return INFINITE
-    if not is_limited:
-        return found
-    asked, limited, weight = np.empty(n), np.empty(n), np.zeros(n)
+    if is_limited:
+        found |= _limit_effort(chain, work, lasts, past, gravity, added, limits, tau)
+    for i in range(n):
+        past[DQ, i] = math.nan if found & (CUT | RAMPED) else dq[i]
+        past[DDQ, i], past[TAU, i] = wanted[i], tau[i]
+    return found
+
+
+@kernel
+def _limit_effort(
+    chain: Rows, work: Rows, lasts: float, past: Rows, gravity: bool, added: Row, limits: Rows,
+    tau: Row,
+) -> int:  # fmt: skip
+    """Limit tau (n,), and its change from what acts; return what was changed."""
+    n, found = len(tau), 0
+    asked, limited, last = np.empty(n), np.empty(n), past[TAU].copy()
     for i in range(n):
         asked[i] = tau[i] + added[i]
     if limit_effort(limits, asked, limited):
         found |= CUT
         for i in range(n):
             tau[i] = limited[i] - added[i]
-    if len(before) == 0 and gravity:
-        efforts(chain, weight, weight, work, True, False, limited)
-        for i in range(n):
-            weight[i] = limited[i]
+    if math.isnan(last[0]):
+        last[:] = 0.0
+        if gravity:
+            still = np.zeros(n)
+            efforts(chain, still, still, work, True, False, last)
     for i in range(n):
-        last, step = before[i] if len(before) > 0 else weight[i], rate[i] * lasts
-        if abs(tau[i] - last) > step:
+        step = limits[RATE, i] * lasts
+        if abs(tau[i] - last[i]) > step:
             found |= RAMPED
-            tau[i] = last + min(max(tau[i] - last, -step), step)
+            tau[i] = last[i] + min(max(tau[i] - last[i], -step), step)
     return found
 
 
 @entry
 def command_effort(
     chain: Rows, q: Input, dq: Input, J: Inputs, ddq: Input, h: Input,
-    dt: float, lasts: float, dq_before: Input, ddq_before: Input, drift: Row, before: Input,
-    friction: Rows, gravity: bool, coriolis: bool, limits: Rows, rate: Input,
+    dt: float, lasts: float, past: Rows, friction: Rows, numbers: Input, limits: Rows,
     wanted: Row, tau: Row,
 ) -> int:  # fmt: skip
     """Fill tau (n,) as ``commanded``, for an arm whose joints have to be placed."""
     work = np.empty((len(q), WORK))
     place(chain, q, work)
     return commanded(
-        chain, work, q, dq, J, ddq, h, dt, lasts, dq_before, ddq_before, drift, before,
-        friction, gravity, coriolis, limits, rate, wanted, tau,
-    )  # fmt: skip
+        chain, work, q, dq, J, ddq, h, dt, lasts, past, friction, numbers, limits, wanted, tau
+    )
 
 
 def fitted(dynamics: InverseDynamics, robot: Robot) -> InverseDynamics:

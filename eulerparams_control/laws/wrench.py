@@ -47,6 +47,9 @@ from eulerparams_control.robot.robot import Robot, RobotState, Tool
 # the second value [rad or m]: a slow sensor may repeat a value for a while.
 _REPEATS, _MOVED = 0.1, 0.02
 
+STATE, _FOUND = 13, 14
+"""How many floats the state of :func:`feel` has, and what it finds."""
+
 # Largest joint motion [rad] of an arm at rest.
 _STILL = 0.005
 
@@ -197,22 +200,22 @@ class WrenchChain:
         options: how each part is done.
 
     Attributes:
-        state, found: rows of :func:`feel`, which moves the one on, and fills the other.
+        memory: state and found, rows of :func:`feel`, one behind the other.
     """
 
     def __init__(self, options: WrenchOptions) -> None:
-        self.options = options
-        self.state, self.found = np.zeros(13), np.zeros(14)
+        self.options, self.memory = options, np.zeros(STATE + _FOUND)
+        self._state, self._found = self.memory[:STATE], self.memory[STATE:]
 
     @property
     def force(self) -> float:
         """Size [N] of the last contact."""
-        return self.found.item(6)
+        return self._found.item(6)
 
     @property
     def moment(self) -> float:
         """Size [Nm] of the last contact."""
-        return self.found.item(7)
+        return self._found.item(7)
 
     def replace_options(self, options: WrenchOptions) -> None:
         """Go on with other options; the tare and the state of the low-pass stay."""
@@ -220,7 +223,7 @@ class WrenchChain:
 
     def reset(self) -> None:
         """Forget what the low-pass has seen; the tare stays."""
-        self.state[6] = False
+        self._state[6] = False
 
     def felt(self, sensed: SensedWrench, arm: RobotState, acceleration: Array | None) -> Array:
         """Return w_t (6,) without the tool, but before tare, dead band and low-pass.
@@ -230,14 +233,14 @@ class WrenchChain:
             arm: kinematics of the arm at that time.
             acceleration: (6,) [m/s^2, rad/s^2] of the tip, base frame; None if unknown.
         """
-        return self._feel(sensed, arm, acceleration, 0.0, self.state.copy())[8:]
+        return self._feel(sensed, arm, acceleration, 0.0, self._state.copy())[8:]
 
     def contact(
         self, sensed: SensedWrench, arm: RobotState, acceleration: Array | None, dt: float
     ) -> Array:
         """Return the contact wrench w (6,) in base axes, dt [s] after the one before."""
-        self.found = self._feel(sensed, arm, acceleration, dt, self.state)
-        return self.found[:6]
+        found = self._found[:] = self._feel(sensed, arm, acceleration, dt, self._state)
+        return found[:6]
 
     def _feel(
         self,
@@ -247,7 +250,7 @@ class WrenchChain:
         dt: float,
         state: Array,
     ) -> Array:
-        found, a = np.empty(14), NONE if acceleration is None else acceleration
+        found, a = np.empty(_FOUND), NONE if acceleration is None else acceleration
         w, (R_s, p_s), numbers = sensed.w, sensed.sensor, self.options.numbers
         feel(w, R_s, p_s, arm.R_e, arm.omega_e, a, dt, numbers, state, found)
         return found
@@ -255,11 +258,11 @@ class WrenchChain:
     @property
     def tared(self) -> Array:
         """Wrench (6,) _t without contact: the bias."""
-        return self.state[:6].copy()
+        return self._state[:6].copy()
 
     def tare(self, felt: Array) -> None:
         """Take ``felt`` (6,), a mean of :meth:`felt`, for no contact from now on."""
-        self.state[:6] = felt
+        self._state[:6] = felt
         self.reset()
 
 
