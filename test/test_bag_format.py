@@ -465,7 +465,7 @@ def test_reading_needs_little_memory_however_long_the_bag(tmp_path):
 
 
 def test_reading_needs_little_memory_however_many_messages_are_in_a_chunk(tmp_path):
-    size = 2**23
+    size = 2**22
     with open(mcap_of(tmp_path), "wb") as file:
         writer = Writer(file, chunk_size=size)
         writer.start("ros2")

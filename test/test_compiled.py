@@ -11,7 +11,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from representations import of_the_quaternion
+from representations import every_representation, of_the_quaternion
 from samples import all_rotations, near_pole, poles
 from tolerances import assert_close
 
@@ -31,7 +31,6 @@ from eulerparams_control.laws.linear import Mat, Vec
 from eulerparams_control.laws.orientation import (
     EulerSequence,
     OrientationOptions,
-    OrientationRepresentation,
     SignRule,
     representation,
 )
@@ -71,6 +70,15 @@ def assert_same(found: Any, expected: Any, tolerance: float = 4e-15) -> None:
             assert_same(one, other, tolerance)
     else:
         assert_close(found, expected, tolerance)
+
+
+def in_a_row(samples: list[Any]) -> Any:
+    """Return samples of a value whose parts are arrays as one value, whose parts are stacked."""
+    kind = type(samples[0])
+    if not issubclass(kind, tuple):
+        return np.array(samples)
+    parts = map(in_a_row, map(list, zip(*samples, strict=True)))
+    return kind(*parts) if hasattr(kind, "_fields") else tuple(parts)
 
 
 def numbers(rng: np.random.Generator, kind: Any, count: int) -> Any:
@@ -120,14 +128,14 @@ OPTIONS = [
 
 
 @pytest.mark.parametrize("options", OPTIONS)
-@pytest.mark.parametrize("name", sorted(OrientationRepresentation.registry))
+@every_representation
 def test_displacements_in_a_row_follow_from_their_predecessors(name, options):
     orientation = representation(name, options)
     R_d, R_e = path(9), path(10)
-    many, x_de = orientation.displacement(R_d, R_e), None
-    for k, pair in enumerate(zip(R_d, R_e, strict=True)):
-        x_de = orientation.displacement(*pair, x_de)
-        assert_same(sample(many, k), x_de, 1e-12)
+    many, each = orientation.displacement(R_d, R_e), [None]
+    for pair in zip(R_d, R_e, strict=True):
+        each.append(orientation.displacement(*pair, each[-1]))
+    assert_same(many, in_a_row(each[1:]), 1e-12)
     rest = orientation.displacement(R_d[700:], R_e[700:], sample(many, 699))
     assert_same(rest.error, many.error[700:])
     if options is OPTIONS[0] and hasattr(many, "Q_de"):  # the walk makes the sign flip

@@ -106,7 +106,7 @@ ARMS += [("panda", 500, 1e4), ("kuka_iiwa", 200, 1e5), ("panda", 1000, 1e6), ("u
 
 @pytest.mark.parametrize(("name", "rate", "stiffness"), ARMS)
 def test_a_force_is_reached_on_what_is_soft_and_on_what_is_stiff(name, rate, stiffness):
-    arm = Pressing(name, rate, stiffness=stiffness, stiffest_contact=1e6, gap=0.0005).press(2.5)
+    arm = Pressing(name, rate, stiffness=stiffness, stiffest_contact=1e6, gap=0.0005).press(1.6)
     time, overshoot = arm.settled
     assert time < 1.0
     assert overshoot < 0.3
@@ -188,10 +188,10 @@ def test_while_no_wrench_is_measured_the_tool_rests_and_then_goes_on():
     assert arm.f[-1] == pytest.approx(FORCE, rel=0.01)
 
 
-def pressed(loop, stiffness, **parameters):
-    """Return a late arm that pressed along z of its tool for 6 s."""
-    arm = Admittance(*LOOPS[loop], n=START.R_d[:, 2], **parameters)
-    for _ in range(6000):
+def pressed(loop, stiffness, seconds=6.0):
+    """Return a late arm that pressed along z of its tool for some time [s]."""
+    arm = Admittance(*LOOPS[loop], n=START.R_d[:, 2])
+    for _ in range(round(1000 * seconds)):
         if arm.t > 0.05:
             arm.scheme.press(np.array([0.0, 0.0, FORCE]))
         arm.step(wall(stiffness))
@@ -200,7 +200,7 @@ def pressed(loop, stiffness, **parameters):
 
 @pytest.mark.parametrize("loop", sorted(LOOPS.keys() - {"sensor 30 ms late"}))
 def test_a_servo_that_is_late_presses_too(loop):
-    arm = pressed(loop, 2e4)
+    arm = pressed(loop, 2e4, seconds=3.0)
     assert arm.f[-1] == pytest.approx(-FORCE, rel=0.01)
     assert arm.ripple < 0.1
     assert not arm.found

@@ -341,7 +341,6 @@ def last_of(graph: Graph, commands: list[JointState]) -> JointState:
     ("executable", "number"),
     [
         ("clik", signal.SIGINT),
-        ("clik", signal.SIGTERM),
         ("dynamic_control", signal.SIGINT),
         ("impedance_control", signal.SIGTERM),
     ],
