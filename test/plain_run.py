@@ -43,12 +43,16 @@ def commands(arm, robot, info, orientation):
     return np.array(rows)
 
 
-if __name__ == "__main__":
+def all_commands():
+    """Return the commands by scheme and orientation."""
     ur5 = load_robot("ur5")
     model = Robot(ur5.urdf, ur5.base_frame, ur5.tip_frame)
-    found = {
+    return {
         f"{info.name} {orientation}": commands(ur5, model, info, orientation)
         for info in schemes().values()
         for orientation in ORIENTATIONS
     }
-    np.savez(sys.argv[1], **found)
+
+
+if __name__ == "__main__":
+    np.savez(sys.argv[1], **all_commands())

@@ -16,7 +16,7 @@ from synthetic_runs import URDF, arms_together, recorded, rewritten, write_run
 from tolerances import assert_close
 
 from eulerparams_control import analysis
-from eulerparams_control.analysis import Digest
+from eulerparams_control.analysis import Digest, static
 from eulerparams_control.analysis.export import Export, file_name
 from eulerparams_control.analysis.loading import blocks
 from eulerparams_control.analysis.main import main
@@ -185,12 +185,18 @@ def test_a_broken_bag_does_not_hide_the_others(bag, tmp_path, analyze):
     assert re.search(r"orientation error, peak \[deg\] *│ *46\.", out)
 
 
-def test_figures_are_written_for_each_quantity(bag, tmp_path, analyze):
+def test_figures_are_written_to_the_folder_in_the_formats_that_are_named(
+    bag, tmp_path, analyze, monkeypatch
+):
+    given: list[Any] = []
+    monkeypatch.setattr(static, "write_figures", lambda *args: given.append(args) or [tmp_path])
     args = ("--no-page", "--figures", tmp_path / "f", "--figure-format", "svg")
-    code, _ = analyze(bag, *args)
+    code, out = analyze(bag, *args)
     assert code == 0
-    names = {path.name for path in (tmp_path / "f").iterdir()}
-    assert {"orientation_error.svg", "error_angle_axis.svg", "force.svg"} <= names
+    assert f"1 figures: {tmp_path / 'f'}" in out
+    ((folder, (digest,), formats),) = given  # each of its curves has a file: test_static_figures
+    assert (folder, formats) == (str(tmp_path / "f"), ["svg"])
+    assert {"orientation_error", "error_angle_axis", "force"} <= digest.curves.keys()
 
 
 def test_a_bag_of_another_recorder_needs_a_urdf_and_a_tip_and_shows_what_it_has(tmp_path, analyze):

@@ -2,7 +2,6 @@
 
 import json
 import math
-import os
 import signal
 import sys
 from collections.abc import Callable
@@ -14,6 +13,7 @@ import numpy as np
 import pytest
 from ros_processes import HOME, MODEL, Process, environment
 from test_experiments import nodes_of
+from worker_ends import dies
 
 from eulerparams_control.control.mode import Cause, Mode
 from eulerparams_control.lab.campaign import plan as draws
@@ -387,14 +387,6 @@ def outcome_of(plan: Any, **values: Any) -> SequenceOutcome:
     return look(plan, record, 1.0)
 
 
-def dies(plan: Any) -> SequenceOutcome:
-    if plan.seed == 1:
-        os._exit(1)
-    if plan.seed == 2:
-        raise ValueError("its own words")
-    return outcome_of(plan)
-
-
 @pytest.fixture
 def instead(monkeypatch):
     """Runs something else for each sequence, here."""
@@ -436,7 +428,7 @@ def test_a_violation_ends_with_1_and_says_how_to_repeat_it(instead, tmp_path, ca
 
 
 def test_a_sequence_that_fails_or_ends_its_worker_is_an_error_and_the_others_go_on(monkeypatch):
-    # what is submitted is pickled by its name, and a worker imports it from here
+    # what is submitted is pickled by its name, and a worker imports it from there
     monkeypatch.setattr(schedule, "run", dies)
     outcomes = list(schedule.run_all(plans(4, 0, ("clik",)), 1))
     by_seed = {outcome.plan.seed: outcome for outcome in outcomes}

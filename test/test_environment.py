@@ -798,9 +798,5 @@ def test_two_processes_simulate_the_same_bits_with_contact_and_with_noise():
         f"import sys; sys.path[:0] = [{str(folder)!r}, {str(folder.parent)!r}]; "
         "from test_environment import busy, contact_run; print('digest', contact_run(busy()))"
     )
-    digests = [
-        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-        for _ in range(2)
-    ]
-    assert digests[0].stdout == digests[1].stdout
-    assert f"digest {contact_run(busy())}" in digests[0].stdout
+    other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert f"digest {contact_run(busy())}" in other.stdout

@@ -213,47 +213,56 @@ def broken_wrenches(arm: FeelingArm) -> list[WrenchStamped]:
 
 
 # --- the stiffness -------------------------------------------------------------------------
+def until_displaced_by(node: Controlled, x: float, within: float = 1e-5) -> None:
+    """Tick until the compliant frame has come to rest x [m] from home, along x."""
+    start = pose(HOME)[0][0]
+
+    def is_there() -> bool:
+        node.arm.tick(dt=0.01)
+        return abs(node.arm.frame().p_d[0] - start - x) < within
+
+    node.graph.until(is_there, f"a displacement of {x} m")
+
+
 def test_the_stiffness_follows_its_topic_until_it_is_set(paired):
-    arm, (p, _) = paired.arm, pose(HOME)
+    arm = paired.arm
     stiffness = paired.peer.sender(WrenchStamped, "/stamp/target_stiffness")
 
     def ask(K_x: float, frame: str = "") -> None:
         stiffness.publish(wrench_stamped(K_x, K_P, K_P, K_O, K_O, K_O, frame=frame))
 
-    def until_displaced_by(x: float) -> None:
-        paired.status(lambda _: abs(arm.frame().p_d[0] - p[0] - x) < 1e-5)
-
     arm.push(8.0, 0.0, 0.0)
-    until_displaced_by(8.0 / K_P)
+    until_displaced_by(paired, 8.0 / K_P)
     refused = paired.peer.counter(paired.name, "target_stiffness rejected")
     for bad in ((math.nan, ""), (-1.0, ""), (1e9, ""), (500.0, "tool1")):
         ask(*bad)
         refused += 1
         assert paired.peer.counter(paired.name, "target_stiffness rejected", refused) == refused
-    until_displaced_by(8.0 / K_P)
-    begin = arm.t
+    settled(arm)
+    until_displaced_by(paired, 8.0 / K_P)
     ask(500.0, UR5.base_frame)
-    until_displaced_by(8.0 / 500.0)
-    frames = arm.frames_of(stamps_since(arm, (arm.t - begin) // MS))
+    frames = felt(arm, 300)
+    until_displaced_by(paired, 8.0 / 500.0)
     steps, accelerations = np.diff([f.dp_d for f in frames], axis=0), [f.ddp_d for f in frames]
     assert np.abs(steps).max() <= 1.1 * DT * np.abs(accelerations).max()
     assert np.abs(accelerations).max() < 0.2 * 8.0 / M_P  # of a stiffness that were gone at once
     paired.change(wrench_cutoff=50.0)  # the stiffness stays
-    felt(arm, 300)
-    until_displaced_by(8.0 / 500.0)
+    settled(arm)
+    until_displaced_by(paired, 8.0 / 500.0)
     paired.change(K_p=[K_P / 2] * 3)
-    until_displaced_by(8.0 / (K_P / 2))
+    until_displaced_by(paired, 8.0 / (K_P / 2))
 
 
 def test_a_stiffness_that_would_add_too_much_energy_waits_and_says_so(paired):
-    arm, (p, _) = paired.arm, pose(HOME)
+    arm = paired.arm
     paired.change(K_p=[200.0] * 3, stiffness_energy=0.01)
     arm.push(10.0, 0.0, 0.0)
-    paired.status(lambda _: abs(arm.frame().p_d[0] - p[0] - 0.05) < 1e-4)
+    until_displaced_by(paired, 0.05, within=1e-4)
     paired.change(K_p=[K_P] * 3)
     status = paired.status(lambda s: "the stiffness waits" in s.message)
     assert float(values(status)["change of the impedance"]) < 0.9
     arm.release()  # led back
+    settled(arm)
     paired.status(lambda s: float(values(s)["change of the impedance"]) == 1.0)
     paired.status(lambda s: "the stiffness waits" not in s.message)
 

@@ -2,6 +2,7 @@
 
 from collections import deque
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -121,10 +122,18 @@ def numbers_in(thing, path="", seen=None) -> dict[str, str]:
     return found
 
 
-def circle(controller, radius=0.02, period=2.0):
-    start = controller.guidance.motion.last
+@cache
+def circle_from(row, radius, period):
+    """Return the times and frames of a circle that begins at a frame, whose numbers are given."""
+    start = DesiredFrame.of(np.array(row))
     motion = Circle(radius, np.eye(3)[0], period, tilt=0.1, ramp=period / 2)
-    controller.orders.follow(motion.trajectory(start.p_d, start.R_d), None)
+    found = motion.trajectory(start.p_d, start.R_d)
+    return found.times, found.frames
+
+
+def circle(controller, radius=0.02, period=2.0):
+    start = tuple(controller.guidance.motion.last.row)
+    controller.orders.follow(Trajectory(*circle_from(start, radius, period)), None)
 
 
 def moved_up(side):

@@ -313,13 +313,13 @@ def test_a_moving_tool_is_read_with_its_inertia(name):
     sim = simulator(name, rate=10000.0, enforce_limits=False, **TOOL)
     model, home = Model(robot(name)), np.array(robot(name).home)
     phase = np.arange(model.n)
-    for k in range(4000):
+    for k in range(2000):
         w = 8.0 * (k / 10000.0) + phase
         sim.command_position(home + 0.2 * (np.sin(w) - np.sin(phase)), 1.6 * np.cos(w))
         before = sim.read()
         sim.step()
         after = sim.read()
-        if k > 1000 and k % 100 == 0:
+        if k > 1000 and k % 50 == 0:
             ddq = (after.dq - before.dq) * 10000.0
             seen = model.weight_and_inertia(sim.parameters.tool, after.q, after.dq, ddq)
             assert after.wrench == pytest.approx(seen, abs=STEP_OF_MOTION)
