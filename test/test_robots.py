@@ -52,10 +52,10 @@ def test_dynamic_control_tracks_the_motion_of_a_robot_within_its_limits(name):
     parameters = DynamicParameters(**frames_of(name), **given["dynamic_control"])
     motion = ReferenceParameters(**given["reference"]).way_points()
     q_0 = inverse_kinematics(robot, motion.frames[0], home)
-    arm = Simulated(name, parameters, q_0, **given.get("pybullet_bridge", {}))
+    arm = Simulated(name, parameters, q_0, rate=500, each=2, **given.get("pybullet_bridge", {}))
     assert arm.robot.joints == robot.joints
     arm.controller.orders.follow(motion, 0)
-    for _ in range(4000):  # until it is there
+    for _ in range(2000):  # until it is there
         arm.step(arm.simulator.read())
         tick = arm.controller.guidance.tick_now
         assert math.degrees(angle_between(tick.desired.R_d, tick.state.R_e)) < ROBOTS_DEG

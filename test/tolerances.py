@@ -78,7 +78,7 @@ BEYOND_A_STEP = 1.3
 CLOSED_LOOP = 5e-3
 # E7: errors of an arm that is commanded at 1 kHz.
 E7_DEG, E7_MM = 5e-3, 0.02
-# The same of any robot of the catalogue.
+# The same of any robot of the catalogue, at 500 Hz.
 ROBOTS_DEG, ROBOTS_MM = 0.02, 0.05
 # dV_3 over a tick against the mean of (69) at its ends, of its largest value: the trapezium leaves
 # dt^2 / 12 of the second derivative (4e3).
