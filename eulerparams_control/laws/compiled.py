@@ -485,6 +485,8 @@ def _type(kind: Any) -> Any:
         return {float: numba.float64, int: numba.int64, bool: numba.boolean}[kind]
     if kind is type(None):
         return numba.void
+    if kind is bytes:
+        return numba.types.Bytes(numba.uint8, 1, "C", readonly=True)
     _, dtype, axes, order, is_read_only = get_args(kind)
     return numba.types.Array(getattr(numba, dtype), axes, order, readonly=is_read_only)
 

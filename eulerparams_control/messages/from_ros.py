@@ -190,7 +190,7 @@ class JointStateReader(_JointReader):
             return None
         n = len(self._joints)
         q, dq = np.empty(n), np.empty(n)
-        t = read_joints(np.frombuffer(data, np.uint8), *self._at, LARGEST, q, dq)
+        t = read_joints(data, *self._at, LARGEST, q, dq)
         return None if t == NOT_READ else (t, q, dq)
 
     def effort_from_ros(self, msg: Any) -> Array | None:

@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 
 from eulerparams_control.laws.compiled import Bytes, Places, Row, entry
 
-JointsAt = tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.int64]]
-"""Which bytes of a layout are fixed, what they are, and where its numbers begin."""
+JointsAt = tuple[NDArray[np.uint8], NDArray[np.int64]]
+"""Which bytes of a layout are fixed, and what they are; and where its numbers begin."""
 
 _STAMP = 4  # where it begins
 
@@ -16,19 +16,21 @@ NOT_READ = -(2**63)
 
 @entry
 def read_joints(
-    data: Bytes, fixed: Bytes, common: Bytes, places: Places, most: float, q: Row, dq: Row
+    message: bytes, pattern: Bytes, places: Places, most: float, q: Row, dq: Row
 ) -> int:
     """Read positions and velocities from a JointState at its bytes; return its stamp [ns].
 
     NOT_READ, if it has another layout, or a value is not finite or larger than ``most``.
 
     Args:
-        data: the message.
-        fixed, common: which bytes are the same in all messages of the layout, and these.
+        message: of the robot.
+        pattern: which bits are the same in all messages of the layout, and behind them these.
         places: (2, n) where the positions and the velocities begin.
         most: [rad, m, rad/s or m/s].
         q, dq: (n,) are filled.
     """
+    data, end = np.frombuffer(message, np.uint8), len(pattern) // 2
+    fixed, common = pattern[:end], pattern[end:]
     if len(data) < len(fixed):
         return NOT_READ
     for i in range(len(fixed)):

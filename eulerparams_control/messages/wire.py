@@ -255,7 +255,7 @@ class _Known:
         if index not in self._joints:
             starts = self._starts["position"], self._starts["velocity"]
             places = np.array([[start + 8 * i for i in index] for start in starts])
-            self._joints[index] = self._fixed, self._common, places
+            self._joints[index] = np.concatenate((self._fixed, self._common)), places
         return self._joints[index]
 
 

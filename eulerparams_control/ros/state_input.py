@@ -78,7 +78,7 @@ class StateInput:
         """Forget the last state."""
         self.measured: tuple[int, Array, Array] | None = None
         self._last = b""  # the message
-        self._moved: int | None = None  # stamp [ns] of the last one that moved
+        self._moved: int | None = None  # stamp [ns] of the last one that moved uncommanded
         self.unanswered: Any = None
         self.is_commanded = self.repeats = False
         self._marks: deque[tuple[int, Array]] = deque(maxlen=2)  # stamps [ns] and q (n,)
@@ -109,7 +109,7 @@ class StateInput:
                 return list(msg.name)
             found, self.unanswered = reader.from_ros(msg), msg.header.stamp
         t, q, dq = self.measured = found
-        if max(map(abs, dq.tolist())) > MOVES:
+        if not self.is_commanded and max(map(abs, dq.tolist())) > MOVES:
             self._moved = t
         self.repeats = last is not None and t == last[0] and np.array_equal(q, last[1])
         self._last = data
