@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import HOME, STILL, UR5
-from in_process import World
 from ros_processes import FRAMES, Controlled, pose, reference
 
 from eulerparams_control.control.clock import SteadyClock
@@ -86,7 +85,6 @@ def test_a_steady_tick_of_a_controller_is_few_calls_in_few_files(name):
     assert_few([tick() for _ in range(TICKS)], 22, 12)
 
 
-@pytest.mark.parametrize("is_following", [False, True])
 @pytest.mark.parametrize(
     ("name", "calls", "files"),
     [
@@ -97,7 +95,7 @@ def test_a_steady_tick_of_a_controller_is_few_calls_in_few_files(name):
     ],
 )
 def test_from_joint_states_to_the_bytes_of_the_command_are_few_calls(
-    name, calls, files, is_following, tmp_path, monkeypatch
+    name, calls, files, world, monkeypatch
 ):
     ticks, original = [], ControlNode._on_joint_states
 
@@ -105,14 +103,12 @@ def test_from_joint_states_to_the_bytes_of_the_command_are_few_calls(
         ticks.append(calls_of(lambda: original(node, data), "CommandPublisher.publish"))
 
     monkeypatch.setattr(ControlNode, "_on_joint_states", counted)
-    with World(tmp_path) as world:
-        running = Controlled(world, name, FRAMES)
-        running.arm.ticks(50)
+    running, (p, R) = Controlled(world, name, FRAMES), pose(HOME)
+    for is_following in (False, True):
         if is_following:
-            p, R = pose(HOME)
             running.follow(reference(DesiredFrame(p + [0.0, 0.05, 0.0], R), times=(1.0,)))
-            running.arm.ticks(50)
+        running.arm.ticks(50)
         ticks.clear()
         running.arm.ticks(TICKS)
-    assert len(ticks) == TICKS
-    assert_few(ticks, calls, files)
+        assert len(ticks) == TICKS
+        assert_few(ticks, calls, files)

@@ -655,8 +655,9 @@ def test_a_solid_is_an_implicit_spring_and_damper_that_never_pulls(damping):
     assert min(pressed, bounced) > 20
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.3, 1.0])
-@pytest.mark.parametrize("shape", ["sphere", "box"])
+@pytest.mark.parametrize(
+    ("shape", "friction"), [("sphere", 0.0), ("sphere", 0.3), ("sphere", 1.0), ("box", 0.3)]
+)
 def test_a_tool_that_slides_is_braked_by_friction_times_the_normal_force(shape, friction):
     law, sim = on_a_plane("panda", shape, friction=friction)
     along = np.array([0.8, 0.6, 0.0])

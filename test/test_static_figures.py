@@ -124,8 +124,13 @@ def test_a_long_name_is_shortened_in_the_middle():
     assert plain("\ud800\n") == "\ufffd\ufffd"
 
 
-@pytest.mark.parametrize("quantity", [JOINT_SPEED, FORCE, POSITION_ERROR])
-@pytest.mark.parametrize("value", [1e25, 1e300, np.inf, np.nan, -1e300])
+@pytest.mark.parametrize(
+    ("quantity", "value"),
+    [
+        *((JOINT_SPEED, value) for value in (1e25, 1e300, np.inf, np.nan, -1e300)),
+        *((quantity, value) for quantity in (FORCE, POSITION_ERROR) for value in (1e300, np.nan)),
+    ],
+)
 def test_a_divergence_breaks_no_figure(run, quantity, value):
     columns = [np.where(T > 1.5, value, 0.1 + T)] * (3 if quantity is FORCE else 1)
     wild = with_curve(run, quantity.name, *columns)
