@@ -16,9 +16,7 @@ from tolerances import ALGEBRAIC, DIFFERENCES, assert_close
 from eulerparams_control.lab.as_shipped.laws import LAMBDA
 from eulerparams_control.lab.as_shipped.pose import dual, log6
 from eulerparams_control.lab.experiments.definition import load_experiment
-from eulerparams_control.lab.experiments.evaluate import judge
 from eulerparams_control.lab.experiments.laws_table import table_of_laws
-from eulerparams_control.lab.experiments.library import run_library
 from eulerparams_control.lab.experiments.paper import COMPARISON, paper_experiments
 from eulerparams_control.lab.maps.base import MapVariant
 from eulerparams_control.lab.maps.set_points_map import astray, between
@@ -178,12 +176,10 @@ def test_the_comparison_has_a_page_of_its_own():
 
 
 @pytest.mark.parametrize("name", IN_THE_LIBRARY)
-def test_each_claim_of_the_comparison_without_nodes_is_met(name):
-    experiment = load_experiment(name)
-    verdicts = judge(experiment, {}, run_library(experiment.library).numbers)
-    assert len(verdicts) == len(experiment.criteria) > 0
-    assert all(v.predicted for v in verdicts)
-    assert not [(v.text, v.measured, v.bound) for v in verdicts if not v.met]
+def test_each_claim_of_the_comparison_without_nodes_is_a_number_with_a_prediction(name):
+    criteria = load_experiment(name).criteria  # that they are met: test_paper
+    assert criteria
+    assert all(criterion.number and criterion.predicted for criterion in criteria)
 
 
 def test_the_table_has_each_law_and_says_which_make_energy():
