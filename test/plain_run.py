@@ -16,7 +16,7 @@ from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
 
-STEPS, MS = 40, 1_000_000
+STEPS, MS = 24, 1_000_000
 
 
 def commands(arm, robot, info, orientation):
