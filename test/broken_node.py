@@ -6,7 +6,7 @@ from typing import Any
 from eulerparams_control.laws.clik import Clik
 from eulerparams_control.laws.dynamic_control import DynamicControl
 from eulerparams_control.motion.frames import DesiredFrame
-from eulerparams_control.ros import clik_node, dynamic_control_node
+from eulerparams_control.ros import clik_node, dynamic_control_node, ending, runtime
 
 NODES = {
     "clik": (clik_node.ClikNode, clik_node.main, Clik),
@@ -20,9 +20,13 @@ NODES = {
 # When the desired frame is faster than this [m/s] the defect shows.
 MOVES = 0.02
 
+# Time [s] that the arm is given to come to rest: the machine may be busy.
+PATIENCE = 60.0
+
 
 def main() -> int:
     """Run the node named by the first argument with a defect in a timer."""
+    ending.LONGEST = runtime._STOP_SECONDS = PATIENCE
     node, run, scheme = NODES[sys.argv[1]]
     step = scheme.step
     moved = []

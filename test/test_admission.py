@@ -18,7 +18,7 @@ from eulerparams_control.control import judge
 from eulerparams_control.control.clock import Latency, NominalPeriod
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.control.mode import Cause, Mode
-from eulerparams_control.errors import InvalidMessageError
+from eulerparams_control.errors import InvalidMessageError, RobotError
 from eulerparams_control.laws.clik import Clik, ClikLaw
 from eulerparams_control.laws.compiled import NONE
 from eulerparams_control.laws.orientation import representation
@@ -158,6 +158,15 @@ def test_joints_with_limits_are_never_taken_a_turn_away():
     arm[judge.ENDLESS] = arm[judge.TURNING] = 1.0, 0.0
     assert judge.code_of(q, np.zeros(2), NONE, arm, 1, 0.0, True, True, False) & judge.WOUND
     np.testing.assert_allclose(arm[judge.Q], [6.2 - 2 * np.pi, 6.2])
+
+
+def test_a_state_of_another_size_is_refused_and_the_next_one_is_taken():
+    arm, _ = on_its_way()
+    for more in (1, 3):
+        arm.run(arm.period)
+        with pytest.raises(RobotError, match=r"expected \(6,\)"):
+            arm.controller.step(arm.t + 1, np.append(arm.q, more * [9.0]), arm.dq, arm.now)
+        assert arm.step() is not None
 
 
 # --- clocks that are set ---------------------------------------------------------------------

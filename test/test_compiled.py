@@ -183,6 +183,7 @@ def test_without_a_folder_that_can_be_written_formulas_are_compiled_all_the_same
     assert list(tmp_path.iterdir()) == [file]  # what was compiled lasts no longer than the process
 
 
+@pytest.mark.skipif(not IS_COMPILED, reason="nothing is compiled")
 def test_schemes_command_the_same_where_nothing_is_compiled(tmp_path):
     script, file = Path(__file__).with_name("plain_run.py"), tmp_path / "commands.npz"
     environment = {**os.environ, "EULERPARAMS_PLAIN": "1"}

@@ -202,6 +202,19 @@ def test_a_warning_that_comes_again_with_other_numbers_is_logged_once_and_always
     assert node.process.log.count("a jump of the stamps") == 1
 
 
+def test_a_fault_that_comes_again_is_logged_in_the_end_if_it_lasts(world):
+    node, words = Controlled(world, "clik", FRAMES), "no valid joint_states within"
+    node.arm.ticks(20)
+    world.advance(1.0)
+    world.until_said(node.process, words)
+    node.arm.ticks(20)  # it was a hiccup
+    node.status(lambda s: words not in s.message)
+    world.advance(1.0)
+    assert node.process.log.count(words) == 1
+    world.advance(6.0)
+    assert node.process.log.count(words) == 2
+
+
 # --- two robots ---------------------------------------------------------------------------------
 @pytest.mark.parametrize(  # of the other arm: where [rad] and how far ahead [ns] it is, its node
     ("offset", "ahead", "name", "named"),

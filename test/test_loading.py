@@ -260,14 +260,25 @@ def _changed(folder: Path, topic: str, change: Any, q: Any = (0.1,) * 30, **opti
 
 @pytest.mark.parametrize("size", [0, 30])
 def test_where_the_clock_jumps_back_the_run_ends_and_it_is_said(tmp_path, size):
-    """A simulator that restarts after 1 s sends the same stamps again."""
+    """A simulator that restarts after 1 s sends earlier stamps again, the wrench first."""
+    sent: dict[str, int] = {}
 
-    def restart(message: RawMessage, k: int) -> RawMessage:
-        return _shifted(message, -1_000_000_000) if k >= 100 else message
+    def restart(message: RawMessage) -> RawMessage:
+        sent[message.topic] = k = sent.get(message.topic, -1) + 1
+        if k >= 100 and message.topic in ("/joint_states", "/wrench"):
+            message = _shifted(message, -1_005_000_000)
+        if message.topic == "/wrench":
+            early = {name: getattr(message, name) - 1000 for name in ("log_time", "publish_time")}
+            message = message._replace(**early)
+        return message
 
-    run = _changed(tmp_path, "/joint_states", restart, [0.1] * 100 + [1.0] * 100)
+    q, wrenches = [0.1] * 100 + [1.0] * 100, [[k] * 6 for k in range(200)]
+    source = runs.write_run(tmp_path / "source", q, wrenches=wrenches)
+    messages = map(restart, Bag(source).read_raw())
+    run = runs.write_messages(tmp_path / "run", runs.topics_of(source), list(messages))
     parts = list(blocks(run, size=size))
     assert sum(len(part.measured.t) - 1 for part in parts) + 1 == 100
+    assert min(part.sensed[0].min() for part in parts) == 0.0
     assert max(part.leading.orientation_error.max() for part in parts) == pytest.approx(0.1)
     words = "the stamps of joint_states jump back at 0.990 s: the rest is left out"
     assert words in parts[-1].warning

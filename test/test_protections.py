@@ -425,8 +425,8 @@ def test_an_arm_that_tells_nothing_any_more_is_let_alone_at_once(world, executab
 def test_a_defect_outside_the_law_ends_the_node_with_the_arm_at_rest_and_one_line(
     graph, executable
 ):
-    # slow, so that few states lead to rest: a process ages by the real time, whatever else runs
-    slow = {"max_linear_speed": 0.03, "state_timeout": 2.0}
+    # a process ages by the real time, whatever else runs
+    slow = {"max_linear_speed": 0.03, "state_timeout": 20.0}
     node = Controlled(graph, f"{executable} broken in timer", FRAMES | slow)
     node.follow(upwards(HOME))
     sent = node.peer.listen(JointState, f"/{node.arm.topic}")

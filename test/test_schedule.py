@@ -598,6 +598,10 @@ def test_a_process_that_starts_when_the_run_is_interrupted_is_ended(monkeypatch)
 
     begin = SpawnProcess.start
     monkeypatch.setattr(SpawnProcess, "start", start)
-    with pytest.raises(KeyboardInterrupt), jobs.Processes(1) as pool:
-        pool.submit(len, "ab")
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt), jobs.Processes(1) as pool:
+            pool.submit(len, "ab").result()
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert not multiprocessing.active_children()

@@ -95,7 +95,7 @@ class Pair:
 
 
 # What is prepared, scratch, or kept in another form.
-UNALIKE = {"short_way", "_now", "_safe", "work", "robot", "leg", "sample", "then", "end"}
+UNALIKE = {"short_way", "work", "robot", "leg", "sample", "then", "end"}
 
 
 def numbers_in(thing, path="", seen=None) -> dict[str, str]:

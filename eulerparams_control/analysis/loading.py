@@ -277,8 +277,9 @@ class _Reader:
 
     @property
     def _follows_desired(self) -> bool:
-        """Whether only ~/desired tells the desired frame: no reference was recorded."""
-        return SentReferences.name not in self._topics and len(self._topics.get("desired", ())) > 0
+        """Whether only ~/desired tells the desired frame: no reference was recorded in the time."""
+        references, desired = (self._topics.get(n, ()) for n in (SentReferences.name, "desired"))
+        return not len(references) and len(desired) > 0
 
     def _check(self) -> None:
         """Warn if a topic ends before joint_states, or a trajectory may be late."""

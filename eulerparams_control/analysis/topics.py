@@ -321,7 +321,10 @@ class RecordedTopic:
         A robot that waits in lock-step sends a state again: that is no loss.
         """
         stamp, sent = (column.rows(0, len(column)) for column in self._columns[:2])
-        kept = np.flatnonzero(sent < until)
+        before = sent < until
+        if until < LATEST:  # after a restart others may speak before the states do
+            before &= stamp >= np.maximum.accumulate(stamp) - _BACK
+        kept = np.flatnonzero(before)
         _, first, which = np.unique(stamp[kept], return_index=True, return_inverse=True)
         others = np.setdiff1d(np.arange(len(kept)), first)
         for k in range(0, len(others), _STRIDE):

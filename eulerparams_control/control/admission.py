@@ -10,8 +10,6 @@ import numpy as np
 from eulerparams_control.control import judge
 from eulerparams_control.control.clock import (
     EARLY,
-    LATENCY,
-    PERIOD,
     SECONDS,
     Clock,
     Instant,
@@ -187,8 +185,7 @@ class Admission:
     def __init__(
         self, robot: Robot, timeout: float, max_latency: float, strict: bool, q: Array
     ) -> None:
-        self._clocks = np.zeros(PERIOD + LATENCY)
-        self.clock, self.period = Clock(), NominalPeriod(self._clocks[:PERIOD])
+        self.clock, self.period = Clock(), NominalPeriod()
         self.conflicts: deque[float] = deque(maxlen=_CONFLICTS)
         self.set_backs = 0
         self._robot, self._timeout = robot, timeout
@@ -197,12 +194,11 @@ class Admission:
         turning = np.logical_and(endless, np.logical_not(robot.is_prismatic))
         # the last state, and the one that is judged, which takes its place where it is taken
         self._arm, self._last = np.zeros((judge.ROWS, robot.n)), 0
-        self._states = self._arm[: judge.STATE], self._arm[judge.STATE : 2 * judge.STATE]
-        self._states[0][judge.Q] = q
+        self._arm[judge.Q] = q
         self._arm[judge.FASTEST] = _MOST_SPEED * robot.limits.velocity
         self._arm[judge.ENDLESS], self._arm[judge.TURNING] = endless, turning
         self._arm[judge.LIMIT] = math.inf
-        self._latency = Latency(max_latency, self._clocks[PERIOD:])
+        self._latency = Latency(max_latency, self.period.row)
         self._back, self._back_at = 0, 0  # stamps in a row that are behind, and the last [ns]
 
     @property
@@ -226,9 +222,12 @@ class Admission:
 
         Raises:
             InvalidMessageError: unless it can be one of the robot, and of now.
+            RobotError: if q or dq has not n elements.
         """
         timeout, last, receipt = self._timeout, self.clock.last, at.receipt
-        latency, period = self._latency, self.period.row
+        latency, period, n = self._latency, self.period.row, self._robot.n
+        if len(q) != n or len(dq) != n:
+            self._robot.refuse_size(q, dq)
         dt = 0.0 if last is None else (at.stamp - last.stamp) / 1e9
         # how far the stamps went on, and how long no state came [s]; 0 if that is not known
         before = None if last is None else last.receipt
@@ -265,7 +264,7 @@ class Admission:
                 self.conflicts.append(at.seconds)
             return Accept(q, code | judge.AGAIN, 0.0, silence, 0.0, 0.0, False, None)
         if code & judge.WOUND:
-            q = self._states[1 - self._last][judge.Q].copy()
+            q = self._positions(1 - self._last).copy()
         usual, restart = period.item(SECONDS), None
         take_step(period, dt)
         if not goes_on:
@@ -288,6 +287,10 @@ class Admission:
                 lost = dt - min(longest, max(silence, usual))
         return Accept(q, code, dt, acted, lost, leapt, is_first, restart)
 
+    def _positions(self, state: int) -> Array:
+        """Return the positions (n,) of one of the two states."""
+        return self._arm[judge.STATE * state + judge.Q]
+
     @property
     def goes_on(self) -> bool:
         """Whether the stamps of the last states went on, at a rate that is known."""
@@ -299,6 +302,8 @@ class Admission:
     ) -> Expected:  # fmt: skip
         """Return what the state is that goes on as the last one did, for :meth:`admit_expected`.
 
+        It counts until the next :meth:`admit`, which may go by other limits.
+
         Args:
             velocity, patient: see :meth:`admit`.
             segments: of the motion, see :attr:`Leg.segments`.
@@ -307,7 +312,7 @@ class Admission:
         """
         self._arm[judge.LIMIT] = velocity
         given = patient, *segments, min(longest, self._timeout), *fine
-        return *given, self._arm, self._believed, self._clocks, self._latency.most
+        return *given, self._arm, self._believed, self.period.row, self._latency.most
 
     def admit_expected(
         self, expected: Expected, at: Instant, q: Array, dq: Array, loop_rate: float,
@@ -343,7 +348,7 @@ class Admission:
             return None
         self.clock.last, self._last = at, this
         acted = dt if receipt is None or 0 < dt < silence else silence
-        return (self._states[this][judge.Q].copy() if code else q), dt, acted
+        return (self._positions(this).copy() if code else q), dt, acted
 
     def take(self, at: Instant | None) -> None:
         """Take the state for the last one; what it brings about has happened.
@@ -377,7 +382,7 @@ class Admission:
                 f"the joint {robot.joints[i]} moves at {dq[i]:.3g} rad/s, more than "
                 f"{_MOST_SPEED:g} times its limit"
             )
-        way = robot.limits.deviation(q, self._states[self._last][judge.Q])[i]
+        way = robot.limits.deviation(q, self._positions(self._last))[i]
         self.conflicts.append(at.seconds)
         raise InvalidMessageError(
             f"the joint {robot.joints[i]} jumps by {way:.3g} rad within {dt:g} s"

@@ -33,12 +33,12 @@ _PATIENCE, _PAUSE = 1.0, 0.2
 # constant within the second [s].  That of a clock is; that of an overloaded network is not.
 _LONG_PATIENCE, _STEADY = 10.0, 0.02
 
-# Rows: of a period, behind which its first steps lie, and of a latency: the least that a state was
+# A row of clocks: of a period, with its first steps, then of a latency: the least that a state was
 # behind, when one came last, since when they are late, and the least and the most that they were
-# behind since.  Then how many floats each has.
+# behind since.
 SECONDS, _LEAST, _MISSED, _COUNT, _STEPS = range(5)
-_BEST, EARLY, _AT, _SINCE, _LOW, _HIGH = range(6)
-PERIOD, LATENCY = _STEPS + _FIRST, _HIGH + 1
+_BEST, EARLY, _AT, _SINCE, _LOW, _HIGH = range(_STEPS + _FIRST, _STEPS + _FIRST + 6)
+CLOCKS = _HIGH + 1
 
 
 class SteadyClock:
@@ -115,12 +115,12 @@ class Clock:
 class NominalPeriod:
     """The usual time between two states, whatever is lost or late.
 
-    Args:
-        row: (PERIOD,) of :func:`take_step`, of zeros; None is a new one.
+    Attributes:
+        row: (CLOCKS,) of :func:`take_step`.
     """
 
-    def __init__(self, row: Array | None = None) -> None:
-        self.row = np.zeros(PERIOD) if row is None else row
+    def __init__(self) -> None:
+        self.row = np.zeros(CLOCKS)
 
     @property
     def seconds(self) -> float:
@@ -178,16 +178,16 @@ class Latency:
 
     Args:
         most: [s] by which a state may be later than the best one.
-        row: (LATENCY,) of :func:`late`; None is a new one.
+        row: (CLOCKS,) of :func:`late`, which may be that of a period; None is a new one.
     """
 
     def __init__(self, most: float, row: Array | None = None) -> None:
-        self.most, self.row = most, np.zeros(LATENCY) if row is None else row
+        self.most, self.row = most, np.zeros(CLOCKS) if row is None else row
         self.forget()
 
     def forget(self) -> None:
         """Start again: another clock makes the stamps."""
-        self.row[:] = math.nan, 0.0, 0.0, 0.0, math.inf, -math.inf
+        self.row[_BEST:] = math.nan, 0.0, 0.0, 0.0, math.inf, -math.inf
 
     def of(self, t: int, now: float, *, patient: bool) -> float:
         """Return how late [s] the state stamped t [ns] is that comes at ``now`` [s].

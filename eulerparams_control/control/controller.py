@@ -18,8 +18,9 @@ from eulerparams_control.control.orders import Orders
 from eulerparams_control.control.short_way import ShortWay
 from eulerparams_control.control.supervisor import Supervisor
 from eulerparams_control.errors import UnsafeCommandError
+from eulerparams_control.laws.compiled import of_parts
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.laws.scheme import JointCommand, Scheme, new
+from eulerparams_control.laws.scheme import JointCommand, Scheme
 
 __all__ = ["Controller", "ControllerOptions"]
 
@@ -110,7 +111,7 @@ class Controller:
             InvalidMessageError: if the state is older than the last one, or the robot cannot
                 have reached it.
         """
-        at = new(Instant, (t, now))
+        at = of_parts(Instant, (t, now))
         if taken := self.short_way.take(at, q, dq):
             q, dt, acted, desired = taken
             self.acting.q, self.acting.dq = q, dq

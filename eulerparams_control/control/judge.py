@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from eulerparams_control.control.clock import PERIOD, SECONDS, best_at, late, smoothed, take_step
+from eulerparams_control.control.clock import SECONDS, best_at, late, smoothed, take_step
 from eulerparams_control.laws.compiled import Input, Row, Rows, entry, kernel
 from eulerparams_control.laws.limits import difference
 from eulerparams_control.motion.frames import put_frame
@@ -144,14 +144,13 @@ def admit_expected(
         longest: [s] of ``dt`` and of the time by when the state came.
         fine_period, fine_turn: see :attr:`RateCheck.fine`.
         believed: the codes that count.
-        clocks: rows of :func:`take_step` and :func:`late`, one behind the other.
+        clocks: row of :func:`take_step` and :func:`late`.
         dt, silence: [s] since the last state, by the stamps and by when it came.
         loop_rate: [1/s] of the law.
         since: [s] on the motion.
         frame: (24,) is filled with the desired frame.
     """
-    period, latency = clocks[:PERIOD], clocks[PERIOD:]
-    usual, acted = period[SECONDS], silence
+    usual, acted = clocks[SECONDS], silence
     if not is_timed or 0.0 < dt < silence:
         acted = dt
     longest = min(longest, LONGEST_STEP * usual)
@@ -161,7 +160,7 @@ def admit_expected(
     if not (period_now <= fine_period and loop_rate * period_now <= fine_turn):
         return NOT_EXPECTED
     if is_timed:
-        early = best_at(latency, receipt) - behind
+        early = best_at(clocks, receipt) - behind
         if not -most <= early < _EARLY * usual:
             return NOT_EXPECTED
     code = believed & code_of(q, dq, q[:0], arm, last, dt, True, True, False)
@@ -174,7 +173,7 @@ def admit_expected(
         put_frame(frame, 0, sampled(times, segments, since))
     if not math.isfinite(frame[3]):
         return NOT_EXPECTED
-    take_step(period, dt)
+    take_step(clocks, dt)
     if is_timed:
-        late(latency, behind, receipt, most, patient)
+        late(clocks, behind, receipt, most, patient)
     return code & WOUND

@@ -14,27 +14,24 @@ _NOTHING = 1e-12
 _TIME, _IS_NEW, _IS_LEFT, _LAST = range(4)
 
 
-def blend_width(n: int) -> int:
-    """Return how many floats the row of a blend of n values has."""
-    return _LAST + 2 * n
-
-
 class Blend:
     """The step between the last command and a new law, decaying at the rate 1 / time.
 
     Args:
         time: [s] of the decay.
         n: number of values of a command.
-        row: (blend_width(n),) as :func:`blend` takes it; None is a new one.
+
+    Attributes:
+        row: as :func:`blend` takes it.
 
     Raises:
         ConfigurationError: if the time is not positive.
     """
 
-    def __init__(self, time: float, n: int, row: Array | None = None) -> None:
+    def __init__(self, time: float, n: int) -> None:
         if not 0 < time < math.inf:
             raise ConfigurationError(f"blend_time is {time}; expected a positive time")
-        self.row: Array = np.zeros(blend_width(n)) if row is None else row
+        self.row: Array = np.zeros(_LAST + 2 * n)
         self.row[_TIME], self._n = time, n
 
     def reset(self) -> None:

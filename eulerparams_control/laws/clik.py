@@ -22,6 +22,7 @@ from eulerparams_control.laws.compiled import (
     Rows,
     kernel,
     layout,
+    of_parts,
     slot,
     to_rows,
 )
@@ -52,7 +53,6 @@ from eulerparams_control.laws.scheme import (
     Tick,
     TipBounds,
     check_gains,
-    new,
     tick_places,
     too_far,
 )
@@ -520,8 +520,8 @@ class Clik(Scheme):
         at, at_q, at_dq, at_x = self._places
         self._row, self._q, self._dq = row, row[at_q:at_dq], row[at_dq:at_x]
         told = found > 0, row.item(at), None, row[at_x:]
-        command = new(JointCommand, (self._q, self._dq, None, None))
-        return new(Tick, (command, desired, row, robot.n, self._unpack, *told))
+        command = of_parts(JointCommand, (self._q, self._dq, None, None))
+        return of_parts(Tick, (command, desired, row, robot.n, self._unpack, *told))
 
     def _error(
         self, found: int, row: Array, q: Array, desired: DesiredFrame

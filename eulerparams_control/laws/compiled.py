@@ -58,6 +58,9 @@ Places = Annotated[NDArray[np.int64], "int64", 2, "C", True]
 NONE: Array = np.empty(0)
 """Placeholder for a row that is not there."""
 
+of_parts = tuple.__new__
+"""Makes a NamedTuple of all its parts, in half the time of a call of its class."""
+
 # Where formulas are: where a file changes, all is compiled again.
 _NAMES = "laws", "robot", "motion", "control", "messages/joint_bytes.py"
 _ROOMS = tuple(Path(__file__).parents[1] / room for room in _NAMES)

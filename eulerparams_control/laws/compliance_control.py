@@ -55,7 +55,13 @@ from eulerparams_control.laws.dynamic_control import (
 )
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.inverse import solve_rows, symmetric_modes
-from eulerparams_control.laws.inverse_dynamics import INFINITE, NUMBERS, RATE, commanded, resolved
+from eulerparams_control.laws.inverse_dynamics import (
+    INFINITE,
+    NUMBERS,
+    RATE,
+    commanded,
+    resolve_acceleration,
+)
 from eulerparams_control.laws.limits import without_accelerations
 from eulerparams_control.laws.linear import (
     Mat,
@@ -567,7 +573,7 @@ def _tick(
     )
     put_vec(a, 0, desired.ddp_d)
     put_vec(a, 3, desired.domega_d)
-    resolved(q, dq, J, dJ_dq(row, n), a, numbers, posture, ddq)
+    resolve_acceleration(q, dq, J, dJ_dq(row, n), a, numbers, posture, ddq)
     for i in range(n):
         for j in range(6):
             ddq[i] += M[i, n + j] * w[j]  # J' w, as what it accelerates

@@ -24,6 +24,7 @@ from eulerparams_control.laws.compiled import (
     Rows,
     kernel,
     layout,
+    of_parts,
     slot,
     to_rows,
 )
@@ -40,7 +41,7 @@ from eulerparams_control.laws.inverse_dynamics import (
     command_effort,
     commanded,
     fitted,
-    resolved,
+    resolve_acceleration,
 )
 from eulerparams_control.laws.limits import (
     SHORTEST,
@@ -64,7 +65,6 @@ from eulerparams_control.laws.scheme import (
     TipBounds,
     check_gains,
     is_too_far,
-    new,
     read_bounds,
     tick_places,
     too_far,
@@ -205,7 +205,7 @@ def _tick(
         previous: x_de of the tick before.
         dt, lasts, past, friction, limits: see :func:`commanded`.
         numbers: of the inverse dynamics; behind them :class:`TipBounds`, and those of the law.
-        posture: (1, n), above the limits by whose turns positions differ; or (0, n).
+        posture: see :attr:`InverseDynamics.posture_rows`.
         step: see :func:`blend`.
     """
     n = len(work)
@@ -229,7 +229,7 @@ def _tick(
     if not is_bounded(a):
         return _STEEP
     ddq = np.empty(n)
-    resolved(q, dq, J, dJ_dq(row, n), a, numbers, posture, ddq)
+    resolve_acceleration(q, dq, J, dJ_dq(row, n), a, numbers, posture, ddq)
     blend(step, dt, ddq)
     if not is_bounded(ddq):
         return STEEP_JOINT
@@ -455,11 +455,9 @@ class DynamicControl(Scheme):
 
     def _keep_to(self, limits: EffortLimits) -> None:
         self.limits, dynamics = limits, self.dynamics
-        posture = np.empty((0, self.robot.n))
-        if dynamics.posture is not None:
-            posture = np.vstack((dynamics.posture, self.robot.limits.rows))
         numbers = np.concatenate((dynamics.numbers, limits.bounds, self.law.numbers))
-        self._given = numbers, posture, dynamics.friction_rows, limits.rows, self._blend.row
+        rows = dynamics.posture_rows, dynamics.friction_rows, limits.rows
+        self._given = numbers, *rows, self._blend.row
 
     def _forget_x(self) -> None:
         self._x_de = np.zeros(self.law.width)
@@ -488,7 +486,8 @@ class DynamicControl(Scheme):
 
         A robot that compensates its weight itself begins at none.
         """
-        if effort is None or not (self.dynamics.gravity and effort.any()):
+        is_known = effort is not None and np.isfinite(effort).all()
+        if effort is None or not (is_known and self.dynamics.gravity and effort.any()):
             self._start = None
         else:
             self._start = self.robot.limits.limit_effort(effort)[0]
@@ -588,8 +587,8 @@ class DynamicControl(Scheme):
         row = np.empty(self.width)
         tau, saturated, excess = self.efforts(dt, row, desired, h, q, dq)
         told = saturated, excess, None, self._x_de
-        command = new(JointCommand, (None, None, tau, None))
-        return new(Tick, (command, desired, row, n, self._unpack, *told))
+        command = of_parts(JointCommand, (None, None, tau, None))
+        return of_parts(Tick, (command, desired, row, n, self._unpack, *told))
 
     def efforts(
         self, dt: float, row: Array, desired: Array, h: Array,

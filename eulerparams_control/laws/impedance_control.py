@@ -22,7 +22,7 @@ from eulerparams_control.errors import (
     FollowingError,
     OverloadError,
 )
-from eulerparams_control.laws.blend import Blend, blend, blend_width, kept
+from eulerparams_control.laws.blend import Blend, blend, kept
 from eulerparams_control.laws.compiled import (
     NONE,
     Array,
@@ -30,6 +30,7 @@ from eulerparams_control.laws.compiled import (
     Row,
     Rows,
     layout,
+    of_parts,
     slot,
 )
 from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFrame
@@ -46,7 +47,7 @@ from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import Lyapunov
 from eulerparams_control.laws.orientation.base import Coordinates, entry_of
 from eulerparams_control.laws.rotations import angle_between, exp
-from eulerparams_control.laws.scheme import Bounds, JointCommand, LoopGain, Scheme, Tick, new
+from eulerparams_control.laws.scheme import Bounds, JointCommand, LoopGain, Scheme, Tick
 from eulerparams_control.laws.wrench import (
     STATE,
     SensedWrench,
@@ -247,7 +248,7 @@ _read_numbers, _OF_WRENCH = _numbers.read, _numbers.width
 
 def _sense(
     chain: Rows, q: Input, dq: Input, work: Rows, row: Row, desired: Input, previous: Input,
-    w_s: Input, sensor: Row, numbers: Input, memory: Row, before: Input, blends: Rows,
+    w_s: Input, sensor: Row, numbers: Input, memory: Row, before: Input, change: Row, fade: Row,
     swing: Input, watch: Rows, dt: float, sensed: Row,
 ) -> int:  # fmt: skip
     """Fill the row of an arm, and what it senses; return what the contact does.
@@ -261,7 +262,7 @@ def _sense(
         numbers: see :class:`_Numbers`; behind them those of the wrench.
         memory: see :class:`WrenchChain`.
         before: (n,) speeds in the tick before, whose change is the acceleration; or (0,).
-        blends: of w and of h.
+        change, fade: blends of w and of h.
         swing: (3,) [N] of the contact that is commanded: that is no oscillation.
         watch: see :func:`observe`.
         dt: [s] after the tick before.
@@ -269,7 +270,7 @@ def _sense(
     """
     n, w, h, acceleration, watched = len(q), sensed[:6], sensed[6:12], np.empty(0), np.empty(6)
     tip, felt, found = row[2 * n : 2 * n + TIP], memory[:STATE], memory[STATE:]
-    change, fade, given = blends[0], blends[1], _read_numbers(numbers, 0)
+    given = _read_numbers(numbers, 0)
     put_arm(chain, q, dq, work, row)
     R_d, R_e = read_frame(desired, 0).R_d, read_tip(row, 2 * n).R_e
     put(sensed, 12, displacement(R_d, R_e, read(previous, 0), given.options))
@@ -330,9 +331,8 @@ class ImpedanceControl(Scheme):
         self.contact = ContactWatch(*law.watched)
         self.force = ForceControl(law.force)
         self.damping, self._free = 1.0, 0.0
-        self._blends = np.zeros((2, blend_width(6)))
-        self._blend = Blend(_BLEND_TIME, 6, self._blends[0])  # to a wrench that is made otherwise
-        self._fade = Blend(_BLEND_TIME, 6, self._blends[1])  # of h, to and from no wrench
+        self._blend = Blend(_BLEND_TIME, 6)  # to a wrench that is made otherwise
+        self._fade = Blend(_BLEND_TIME, 6)  # of h, to and from no wrench
         self._sensed: SensedWrench | None = None
         self._sensor, self._sensor_row = AT_ORIGIN, AT_ORIGIN.row
         self.is_frozen, self.loop_rate = True, motion.loop_rate
@@ -556,8 +556,8 @@ class ImpedanceControl(Scheme):
         w_s = NONE if self._sensed is None else self._sensed.w
         found = law.sense(
             robot.chain, q, dq, motion.work, row, desired, before, w_s, self._sensor_row,
-            law.numbers, chain.memory, self._dq, self._blends, self.force.swing, contact.state, dt,
-            sensed,
+            law.numbers, chain.memory, self._dq, self._blend.row, self._fade.row,
+            self.force.swing, contact.state, dt, sensed,
         )  # fmt: skip
         self._q, self._dq, self._held = q, row[n : 2 * n], None
         if found == _TOO_LARGE:
@@ -571,12 +571,12 @@ class ImpedanceControl(Scheme):
         if self.force.is_on:
             h = h + self._ahead(row)
         tau, saturated, excess = motion.efforts(dt, row, compliant, h)  # eq. (48)
-        command = new(JointCommand, (None, None, tau, compliant))
+        command = of_parts(JointCommand, (None, None, tau, compliant))
         # of the tip from the desired frame, not from the compliant one
         self._x_de = x_de = sensed[12:]
         told = saturated, excess, None if self.is_frozen else w, x_de
         unpack = law.compliance.orientation.rows.unpack
-        return new(Tick, (command, desired, row, n, unpack, *told))
+        return of_parts(Tick, (command, desired, row, n, unpack, *told))
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return V_3 and its derivative, eqs. (68), (69), of the rotation of the centre."""

@@ -3,11 +3,23 @@
 import math
 from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, RobotError
-from eulerparams_control.laws.compiled import NONE, Array, Input, Inputs, Row, Rows, entry, kernel
+from eulerparams_control.laws.compiled import (
+    NONE,
+    Array,
+    Input,
+    Inputs,
+    Row,
+    Rows,
+    entry,
+    kernel,
+    layout,
+    to_rows,
+)
 from eulerparams_control.laws.friction import JointFriction, friction_effort
 from eulerparams_control.laws.inverse import DampedInverse, invert, resolve
 from eulerparams_control.laws.limits import (
@@ -15,7 +27,6 @@ from eulerparams_control.laws.limits import (
     JointLimits,
     limit_acceleration,
     limit_effort,
-    rows_of,
     subtract,
 )
 from eulerparams_control.laws.scheme import check_gains
@@ -28,6 +39,24 @@ _DRIFT_TIME = 0.005
 
 # Least eigenvalue of a valid joint inertia [kg m^2].
 _LEAST_INERTIA = 1e-7
+
+
+class _Numbers(NamedTuple):
+    """The law in numbers: its gains, the damping of the inverse, and what is compensated."""
+
+    k_posture: float
+    k_null: float
+    eps: float
+    lambda_max: float
+    length: float
+    gravity: bool
+    coriolis: bool
+
+
+_read_numbers = layout(_Numbers).read
+
+NUMBERS = layout(_Numbers).width
+"""How many floats :attr:`InverseDynamics.numbers` has."""
 
 
 @dataclass(frozen=True)
@@ -63,10 +92,8 @@ class InverseDynamics:
         ddq = J* (a - dJ dq) + (I - J* J) (-k_null dq - k_posture (q - posture)).
         """
         arm, ddq = state.arm, np.empty(len(state.arm.q))
-        posture = NONE if self.posture is None else self.posture
-        resolve_acceleration(
-            arm.q, arm.dq, arm.J, state.dJ_dq, a, self.numbers, posture, rows_of(self.joints), ddq
-        )
+        given = self.numbers, self.posture_rows
+        resolve_acceleration(arm.q, arm.dq, arm.J, state.dJ_dq, a, *given, ddq)
         return ddq
 
     def effort(self, robot: Robot, arm: RobotState, ddq: Array, h: Array = NONE) -> Array:
@@ -83,13 +110,18 @@ class InverseDynamics:
 
     @cached_property
     def numbers(self) -> Array:
-        """Gains, damping, and whether g and C dq are compensated, as a row."""
-        damped, gains = self.inverse, (self.k_posture, self.k_null)
-        damping, compensated = (
-            (damped.eps, damped.lambda_max, damped.length),
-            (self.gravity, self.coriolis),
-        )
-        return np.array([*gains, *damping, *compensated], dtype=float)
+        """What it is made of, as a row."""
+        damped, compensated = self.inverse, (self.gravity, self.coriolis)
+        damping = damped.eps, damped.lambda_max, damped.length
+        return to_rows(_Numbers, _Numbers(self.k_posture, self.k_null, *damping, *compensated))
+
+    @cached_property
+    def posture_rows(self) -> Array:
+        """The posture above the limits of the joints (6, n); (0, 0): there is none."""
+        if self.posture is None:
+            return np.empty((0, 0))
+        turns = np.zeros((len(UNLIMITED), len(self.posture)))
+        return np.vstack((self.posture, turns if self.joints is None else self.joints.rows))
 
     @cached_property
     def friction_rows(self) -> Array:
@@ -98,13 +130,10 @@ class InverseDynamics:
         return np.empty((2, 0)) if friction is None else np.array([*astuple(friction)])
 
 
-NUMBERS, _GRAVITY, _CORIOLIS = 7, 5, 6
-"""How many floats :attr:`InverseDynamics.numbers` has."""
-
 DQ, DDQ, TAU, DRIFT = range(4)
-"""Rows of what is known of the command before: speeds measured then, or NaN where it was not
-obeyed; the accelerations that were wanted; the efforts that act, or NaN where the weight does; and
-by how much [rad/s^2] the joints accelerate more than commanded."""
+"""Rows of what is known of the command before: speeds measured then, all NaN if it was not obeyed;
+the accelerations that were wanted; the efforts that act, all NaN if the weight does; and by how
+much [rad/s^2] the joints accelerate more than commanded."""
 
 PAST = DRIFT + 1
 RATE = 5
@@ -117,29 +146,19 @@ SLOWED, CUT, RAMPED, INFINITE = 1, 2, 4, 8
 
 @entry
 def resolve_acceleration(
-    q: Input, dq: Input, J: Inputs, dJ_dq: Input, a: Input,
-    numbers: Input, posture: Input, joints: Rows, ddq: Row,
-) -> None:  # fmt: skip
+    q: Input, dq: Input, J: Inputs, dJ_dq: Input, a: Input, numbers: Input, posture: Rows, ddq: Row
+) -> None:
     """Fill ddq (n,): see :meth:`InverseDynamics.acceleration`."""
-    n = len(q)
+    n, given = len(q), _read_numbers(numbers, 0)
     inverse, ddq_0, bracket = np.empty((n, 6)), np.zeros(n), np.empty(6)
-    invert(J, numbers[2], numbers[3], numbers[4], inverse)
+    invert(J, given.eps, given.lambda_max, given.length, inverse)
     if len(posture) > 0:
-        subtract(joints, posture, q, ddq_0)
+        subtract(posture[1:], posture[0], q, ddq_0)
     for i in range(n):
-        ddq_0[i] = numbers[0] * ddq_0[i] - numbers[1] * dq[i]
+        ddq_0[i] = given.k_posture * ddq_0[i] - given.k_null * dq[i]
     for i in range(6):
         bracket[i] = a[i] - dJ_dq[i]
     resolve(inverse, J, bracket, ddq_0, ddq)  # eq. (33)
-
-
-@kernel
-def resolved(
-    q: Input, dq: Input, J: Inputs, dJ_dq: Input, a: Input, numbers: Input, posture: Rows, ddq: Row
-) -> None:
-    """Fill ddq (n,) as ``resolve_acceleration``: the posture is above the limits of the joints."""
-    tends = posture[0] if len(posture) > 0 else a[:0]
-    resolve_acceleration(q, dq, J, dJ_dq, a, numbers, tends, posture[1:], ddq)
 
 
 @kernel
@@ -165,12 +184,8 @@ def commanded(
         wanted: (n,) is filled with the accelerations within the limits.
         tau: (n,) is filled.
     """
-    n, found, drift = len(q), 0, past[DRIFT]
-    is_limited, gravity, coriolis = (
-        limits.shape[1] > 0,
-        numbers[_GRAVITY] != 0.0,
-        numbers[_CORIOLIS] != 0.0,
-    )
+    n, found, drift, given = len(q), 0, past[DRIFT], _read_numbers(numbers, 0)
+    is_limited, gravity, coriolis = limits.shape[1] > 0, given.gravity, given.coriolis
     for i in range(n):
         wanted[i] = ddq[i]
     if is_limited:

@@ -19,9 +19,6 @@ from eulerparams_control.motion.motion_limits import NO_LIMITS, MotionLimits, Ti
 from eulerparams_control.robot.chain import arm_width
 from eulerparams_control.robot.robot import Robot, RobotState
 
-new = tuple.__new__
-"""Makes a NamedTuple of all its parts, without a call of Python."""
-
 
 class JointCommand(NamedTuple):
     """Command of a scheme to the joints; None for what it does not command.

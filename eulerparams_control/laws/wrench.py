@@ -79,7 +79,7 @@ class SensedWrench(NamedTuple):
 
     Attributes:
         w: (6,) as it came, in the sensor frame and about its origin.
-        sensor: where that frame is, seen from the tip.
+        sensor: where that frame is, seen from the tip; the same object does not change.
     """
 
     w: Array
@@ -205,20 +205,26 @@ class WrenchChain:
 
     def __init__(self, options: WrenchOptions) -> None:
         self.options, self.memory = options, np.zeros(STATE + _FOUND)
-        self._state, self._found = self.memory[:STATE], self.memory[STATE:]
+
+    @property
+    def _state(self) -> Array:
+        return self.memory[:STATE]
 
     @property
     def force(self) -> float:
         """Size [N] of the last contact."""
-        return self._found.item(6)
+        return self.memory.item(STATE + 6)
 
     @property
     def moment(self) -> float:
         """Size [Nm] of the last contact."""
-        return self._found.item(7)
+        return self.memory.item(STATE + 7)
 
     def replace_options(self, options: WrenchOptions) -> None:
-        """Go on with other options; the tare and the state of the low-pass stay."""
+        """Go on with other options; the tare and the state of the low-pass stay.
+
+        The ticks of a scheme feel by those of its law, which the scheme gives to its chain.
+        """
         self.options = options
 
     def reset(self) -> None:
@@ -239,7 +245,7 @@ class WrenchChain:
         self, sensed: SensedWrench, arm: RobotState, acceleration: Array | None, dt: float
     ) -> Array:
         """Return the contact wrench w (6,) in base axes, dt [s] after the one before."""
-        found = self._found[:] = self._feel(sensed, arm, acceleration, dt, self._state)
+        found = self.memory[STATE:] = self._feel(sensed, arm, acceleration, dt, self._state)
         return found[:6]
 
     def _feel(

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from eulerparams_control.laws.compiled import Bytes, Places, Row, entry
 
 JointsAt = tuple[NDArray[np.uint8], NDArray[np.int64]]
-"""Which bytes of a layout are fixed, and what they are; and where its numbers begin."""
+"""Which bytes of a layout are fixed, with these behind them; and where its numbers begin."""
 
 _STAMP = 4  # where it begins
 
@@ -24,7 +24,7 @@ def read_joints(
 
     Args:
         message: of the robot.
-        pattern: which bits are the same in all messages of the layout, and behind them these.
+        pattern: see :data:`JointsAt`.
         places: (2, n) where the positions and the velocities begin.
         most: [rad, m, rad/s or m/s].
         q, dq: (n,) are filled.

@@ -55,6 +55,7 @@ class Health:
         self._level, self._message, self._remedy = WARN, "starting", ""
         self._mode = self._cause = ""
         self._since = self._now
+        self._is_logged = True  # the state; else one like it was, a moment ago
         self._passing: dict[str, float] = {}  # warnings, and until when they last
         self._logged: dict[str, float] = {}
         self.values: Values = {}
@@ -64,6 +65,8 @@ class Health:
 
     def _on_timer(self) -> None:
         self.check()
+        if not self._is_logged:
+            self._log()
         self.publish()
 
     @property
@@ -96,17 +99,25 @@ class Health:
             self.count("faults")
             self.values["last fault"] = message
             self.values["last fault at [s]"] = self._now
-        if level == OK:
-            self._node.get_logger().info(message)
-        else:
-            # one that comes again and again, with other numbers, does not hide the rest
-            about = f"{mode} {cause}" if level == WARN and cause else ""
-            self.complain(message, error=level == ERROR, about=about)
+        self._log()
         self._status_publisher.publish(self._status(level, message, self._state()))
         self.publish()
 
-    def complain(self, message: str, *, error: bool = False, about: str = "") -> None:
+    def _log(self) -> None:
+        """Log the state."""
+        level, message = self._level, self._message
+        if level == OK:
+            self._node.get_logger().info(message)
+            self._is_logged = True
+        else:
+            # one that comes again and again, with other numbers, does not hide the rest
+            about = f"{self._mode} {self._cause}" if level == WARN and self._cause else ""
+            self._is_logged = self.complain(message, error=level == ERROR, about=about)
+
+    def complain(self, message: str, *, error: bool = False, about: str = "") -> bool:
         """Log a warning or an error, those about the same not more than every few seconds.
+
+        Return whether it was logged.
 
         Args:
             message: what to log.
@@ -115,7 +126,7 @@ class Health:
         """
         now, key = steady.now(), about or message
         if now - self._logged.get(key, -_REPEAT_SECONDS) < _REPEAT_SECONDS:
-            return
+            return False
         self._logged.pop(key, None)
         self._logged[key] = now  # the newest last
         if len(self._logged) > _REMEMBERED:
@@ -125,6 +136,7 @@ class Health:
             tell(Event.FAULT, text=message)
         else:
             self._node.get_logger().warning(message)
+        return True
 
     def warn(self, message: str) -> None:
         """Warn for some seconds, where else all is well."""

@@ -19,6 +19,7 @@ from concurrent.futures import (
     as_completed,
 )
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from typing import Any
 
 from rich.console import Console
@@ -89,6 +90,7 @@ class Processes(Executor):
     def __init__(self, count: int) -> None:
         self._count = count
         self._pool, self._ended, self._lock = self._new(), False, threading.Lock()
+        self._starter = ThreadPoolExecutor(1)  # a signal interrupts no thread but the main one
 
     def _new(self) -> ProcessPoolExecutor:
         spawn = multiprocessing.get_context("spawn")
@@ -98,14 +100,18 @@ class Processes(Executor):
         self, function: Callable[P, R], /, *args: P.args, **keywords: P.kwargs
     ) -> Future[R]:
         """See Executor."""
-        with _uninterrupted(), self._lock:  # else a process may start that is not known
+        job = partial(function, *args, **keywords)
+        return self._starter.submit(self._submit, job).result()
+
+    def _submit[R](self, job: Callable[[], R]) -> Future[R]:
+        with self._lock:
             try:
-                return self._pool.submit(function, *args, **keywords)
+                return self._pool.submit(job)
             except BrokenExecutor:
                 if self._ended:
                     raise
                 self._pool = self._new()
-                return self._pool.submit(function, *args, **keywords)
+                return self._pool.submit(job)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Terminate the processes, whatever they do."""
@@ -118,26 +124,6 @@ class Processes(Executor):
             worker.terminate()
         if manager is not None and wait:
             manager.join()  # else it may close the pipe to which the interpreter writes at its end
-
-
-@contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Hold Ctrl-C and SIGTERM back until the end of ``with``; other threads never get them."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    held: list[int] = []
-    before = {
-        number: signal.signal(number, lambda number, _frame: held.append(number))
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-    for late in held:
-        signal.raise_signal(late)
 
 
 def _be_quiet() -> None:
