@@ -7,7 +7,7 @@ where the tip was 1/20 s later, seen from where it is: the same numbers wherever
 It needs the extra [analysis]; `analyze BAG --export parquet` writes all quantities of a bag.
 """
 
-import sys
+import argparse
 
 import numpy as np
 import pyarrow as pa
@@ -21,10 +21,11 @@ RATE = 20.0  # [Hz]
 
 def main() -> None:
     """Write the table."""
-    if len(sys.argv) < 2:
-        sys.exit("usage: bag_to_table.py BAG [TABLE.parquet]")
-    bag, name = (*sys.argv[1:], "table.parquet")[:2]
-    arm, joints = (run := analysis.load(bag)).measured, run.robot.joints
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("bag")
+    parser.add_argument("table", nargs="?", default="table.parquet")
+    given = parser.parse_args()
+    arm, joints = (run := analysis.load(given.bag)).measured, run.robot.joints
     t = np.arange(arm.t[0], arm.t[-1], 1 / RATE)
     rows = np.searchsorted(arm.t, t, side="right") - 1  # the last state of each instant
     p, R = arm.p_e[rows], arm.R_e[rows]
@@ -37,8 +38,8 @@ def main() -> None:
     for what, (unit, values) in vectors.items():
         columns |= {f"{what}.{x} [{unit}]": v for x, v in zip("xyz", values.T, strict=True)}
     table = pa.table({key: column[: len(t) - 1] for key, column in columns.items()})
-    pq.write_table(table, name)
-    print(f"{table.num_rows} rows of {table.num_columns} columns in {name}")
+    pq.write_table(table, given.table)
+    print(f"{table.num_rows} rows of {table.num_columns} columns in {given.table}")
 
 
 if __name__ == "__main__":

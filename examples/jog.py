@@ -3,11 +3,14 @@
 The robot and `clik` run as for send_pose.py.
 """
 
+import argparse
+import os
 import sys
 import time
 
 import rclpy
 from geometry_msgs.msg import PoseStamped, TwistStamped
+from rclpy.executors import ExternalShutdownException
 
 SPEED, LASTS, RATE = 0.05, 2.0, 50.0
 
@@ -26,10 +29,11 @@ def main() -> None:
             rclpy.spin_once(node, timeout_sec=0.01)
         return float(poses[-1].pose.position.x)
 
+    print(f"waiting for clik; ROS_DOMAIN_ID is {os.environ.get('ROS_DOMAIN_ID', 0)}", flush=True)
     end = time.monotonic() + 30.0
     while not (poses and target.get_subscription_count()):
         if time.monotonic() > end:
-            sys.exit("clik has not published a pose within 30 s; what does /diagnostics say?")
+            sys.exit("clik has not published a pose within 30 s: is it active, in this domain?")
         rclpy.spin_once(node, timeout_sec=0.1)
     begin, twist = spin(0.5), TwistStamped()
     twist.header.frame_id = poses[-1].header.frame_id
@@ -40,9 +44,13 @@ def main() -> None:
         spin(1 / RATE)
     moved = spin(1.0) - begin
     stays = abs(spin(0.5) - begin - moved)
-    print(f"the tip went {1e3 * moved:.0f} mm, and then {1e3 * stays:.3f} mm")
+    print(f"the tip went {1e3 * moved:.0f} mm, and then stays, within {1e3 * stays:.3f} mm")
     sys.exit(not (0.5 < moved / (SPEED * LASTS) < 2.0 and stays < 1e-4))
 
 
 if __name__ == "__main__":
-    main()
+    argparse.ArgumentParser(description=__doc__).parse_known_args()
+    try:
+        main()
+    except (KeyboardInterrupt, ExternalShutdownException):
+        sys.exit(130)

@@ -3,6 +3,7 @@
 The robot and `clik` run as for send_pose.py. The bag is a rosbag2 bag: `ros2 bag` reads it, too.
 """
 
+import argparse
 import subprocess
 import sys
 import time
@@ -13,21 +14,22 @@ import rclpy
 
 from eulerparams_control.bags.reader import Bag
 
-FOLDER = Path(sys.argv[1] if len(sys.argv) > 1 else time.strftime("bag_%H_%M_%S"))
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("bag", nargs="?", default=time.strftime("bag_%H_%M_%S"), type=Path)
+FOLDER = parser.parse_args().bag
 
 
 def record() -> int:
     """Record all topics while the tip moves; return the exit code of what moves it."""
     rclpy.init()
     node = rclpy.create_node("record_and_plot")
-    module = "eulerparams_control.bags.recorder"
-    options = ["--ros-args", "-p", f"output:={FOLDER}"]
+    options = "eulerparams_control.bags.recorder", "--ros-args", "-p", f"output:={FOLDER}"
 
     def is_recorded(topic: str) -> bool:
         listening = node.get_subscriptions_info_by_topic(topic)
         return "bag_recorder" in [each.node_name for each in listening]
 
-    with subprocess.Popen([sys.executable, "-m", module, *options]) as recorder:
+    with subprocess.Popen([sys.executable, "-m", *options]) as recorder:
         while not all(map(is_recorded, ("/joint_states", "/clik/pose"))):
             if recorder.poll() is not None:
                 sys.exit("the recorder has ended")

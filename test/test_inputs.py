@@ -215,6 +215,20 @@ def test_a_fault_that_comes_again_is_logged_in_the_end_if_it_lasts(world):
     assert node.process.log.count(words) == 2
 
 
+def test_a_controller_names_who_else_commands_its_arm(world):
+    node = Controlled(world, "clik", FRAMES)
+    words = "/clik, /rival publish /joint_reference"
+    node.arm.ticks(1500)
+    assert words not in node.process.log
+    node.peer.another_node("rival").create_publisher(JointState, "joint_reference", 10)
+
+    def is_said() -> bool:
+        node.arm.tick()
+        return words in node.process.log
+
+    world.until(is_said, "the rival")
+
+
 # --- two robots ---------------------------------------------------------------------------------
 @pytest.mark.parametrize(  # of the other arm: where [rad] and how far ahead [ns] it is, its node
     ("offset", "ahead", "name", "named"),

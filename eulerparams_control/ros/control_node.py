@@ -285,7 +285,7 @@ class ControlNode(ManagedNode):
         if self._controller is None:
             return
         self._health.values["joint_states missed"] = self._controller.admission.period.missed
-        self._report.once_a_second(self._controller, self._states.topic_name)
+        self._report.once_a_second(self._controller, self._states.topic_name, self._commands.topic)
         if self._commands.count_subscribers() == 0 and self._params.commands_joints:
             self._health.complain(
                 f"nobody listens to {self._commands.topic}: does the robot take another command?"

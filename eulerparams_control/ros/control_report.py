@@ -26,7 +26,7 @@ from eulerparams_control.messages.to_ros import (
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.parameters.common import ControlParameters
 from eulerparams_control.ros import diagnostics
-from eulerparams_control.ros.publishers import names_of_publishers
+from eulerparams_control.ros.publishers import names_of_publishers, publishers_of
 from eulerparams_control.ros.state_input import StateInput
 
 Values = dict[str, str | int | float]
@@ -67,13 +67,22 @@ class ControlReport:
         self._cut = self._restarts = 0
         self.forget()
 
-    def once_a_second(self, controller: Controller, states_topic: str) -> None:
-        """Complain of a motion that is more than the arm may do, and of states that jump.
+    def once_a_second(self, controller: Controller, states_topic: str, topic: str) -> None:
+        """Complain of a motion that is more than the arm may do, of states that jump, of rivals.
 
         Args:
             controller: that is active.
             states_topic: of joint_states.
+            topic: of the commands.
         """
+        several = self._node.count_publishers(topic) > 1
+        if several and len(rivals := publishers_of(self._node, topic)) > 1:
+            self._health.complain(
+                f"{listed(sorted(rivals))} publish {topic}: the arm obeys one at most; end "
+                "or deactivate the others",
+                error=True,
+                about="rivals",
+            )
         cut, self._cut = controller.guidance.saturated - self._cut, controller.guidance.saturated
         if cut > self._states.answers / 2:
             self._health.complain(
