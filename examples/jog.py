@@ -44,7 +44,7 @@ def main() -> None:
         spin(1 / RATE)
     moved = spin(1.0) - begin
     stays = abs(spin(0.5) - begin - moved)
-    print(f"the tip went {1e3 * moved:.0f} mm, and then stays, within {1e3 * stays:.3f} mm")
+    print(f"the tip went {1e3 * moved:.0f} mm, and stayed there within {1e3 * stays:.3f} mm")
     sys.exit(not (0.5 < moved / (SPEED * LASTS) < 2.0 and stays < 1e-4))
 
 

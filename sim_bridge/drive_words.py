@@ -49,7 +49,8 @@ class DriveWords:
                 remedy = "see whether the controller is alive and active; the next command is taken"
                 return ERROR, f"no command for {self.timeout:g} s: braked", remedy
             case DriveMode.STOPPING, DriveCause.ACCELERATION:
-                words = f"protective stop: {status.violation}; refuses commands until {UNLOCK}"
+                refuses = f"commands are refused until {UNLOCK} is called"
+                words = f"protective stop: {status.violation}; {refuses}"
                 return ERROR, words, f"let the controller ask for less, then call {UNLOCK}"
             case DriveMode.STOPPING, _:
                 rest = "braked, commands are refused until it is at rest"

@@ -78,7 +78,7 @@ class ControlReport:
         several = self._node.count_publishers(topic) > 1
         if several and len(rivals := publishers_of(self._node, topic)) > 1:
             self._health.complain(
-                f"{listed(sorted(rivals))} publish {topic}: the arm obeys one at most; end "
+                f"{listed(rivals)} publish {topic}: the arm obeys one at most; end "
                 "or deactivate the others",
                 error=True,
                 about="rivals",
