@@ -171,30 +171,29 @@ def _velocity(i: int, dq: float, before: float, lag: float, joints: Array, laste
     return clip(clip(dq, before - change, before + change), -most, most)
 
 
-@kernel
-def _effort(i: int, effort: float, last: Array, joints: Array, elapsed: float) -> float:
-    """Return the effort of a joint within its limit and rate."""
-    low, high = -joints[_EFFORT, i], joints[_EFFORT, i]
-    if len(last):
-        reach = joints[_RATE, i] * max(elapsed, _TINY)
-        if abs(effort) <= high and abs(effort - last[i]) <= reach + _ROUNDING:
-            return effort
-        low = max(min(low, last[i]), last[i] - reach)
-        high = min(max(high, last[i]), last[i] + reach)
-    return clip(effort, low, high)
-
-
 @entry
 def _bounded_effort(effort: Input, effort_0: Input, joints: Rows, elapsed: float) -> int:
-    """Fill the efforts within their bounds, and return what changed: see ``_bounded_motion``."""
+    """Fill the efforts within their bounds, and return what changed: see ``_bounded_motion``.
+
+    One factor shortens the change of all joints; limits are kept joint by joint, last.
+    """
+    code, n, factor, time = 0, joints.shape[1], 1.0, max(elapsed, _TINY)
     for i in range(len(effort)):
         if not math.isfinite(effort[i]):
             return 32
-    code = 0
-    for i in range(joints.shape[1]):
-        joints[_SAFE + 2, i] = _effort(i, effort[i], effort_0, joints, elapsed)
-        code |= 4 if joints[_SAFE + 2, i] != effort[i] else 0
-        code |= 0 if math.isfinite(joints[_SAFE + 2, i]) else 32
+    if len(effort_0) and n:
+        for i in range(n):
+            reach, step = joints[_RATE, i] * time, abs(effort[i] - effort_0[i])
+            if step > reach + _ROUNDING:
+                factor = min(factor, reach / step)
+    for i in range(n):
+        most = joints[_EFFORT, i]
+        safe = effort[i] if factor == 1.0 else effort_0[i] + factor * (effort[i] - effort_0[i])
+        if len(effort_0):  # the limit may have been lowered since
+            most = max(most, abs(effort_0[i]) - joints[_RATE, i] * time)
+        joints[_SAFE + 2, i] = safe = clip(safe, -most, most)
+        code |= 4 if safe != effort[i] else 0
+        code |= 0 if math.isfinite(safe) else 32
     return code
 
 

@@ -22,7 +22,8 @@ class Mode(StrEnum):
     HOLDING = "holding"  # the law at a frame at rest
     FOLLOWING = "following"  # the law along a motion
     STOPPED = "stopped"  # the joints are held, because of a fault or when told to
-    RELEASING = "releasing"  # gravity compensation, then no efforts: only the brakes act
+    RELEASING = "releasing"  # gravity compensation, then no efforts: only the brakes act;
+    # after a runaway there are none in the stop that follows, either
     DISTRUSTING = "distrusting"  # no commands: it is not known whose states these are
 
 
@@ -64,7 +65,7 @@ class Latch(IntEnum):
 
     NONE = 0  # the arm is not stopped
     PAUSE = 1  # a reference after a pause of its source, or ~/resume: after a fault
-    RESUME = 2  # ~/resume alone: after a halt
+    RESUME = 2  # ~/resume alone: after a halt, or when the arm ran away
     NEVER = 3  # nothing but deactivate and activate: after a defect, and at the end
 
 
@@ -136,7 +137,7 @@ def transition(mode: Mode, event: ModeEvent) -> Mode:
 
 _LATCHES = {
     ModeEvent.FAULT: Latch.PAUSE,
-    ModeEvent.RUNS_AWAY: Latch.PAUSE,
+    ModeEvent.RUNS_AWAY: Latch.RESUME,  # nothing restarts by itself: ISO 10218
     ModeEvent.FROZEN: Latch.PAUSE,
     ModeEvent.HALT: Latch.RESUME,
     ModeEvent.END: Latch.NEVER,
@@ -219,8 +220,8 @@ def runs_away(joint: str, speed: float) -> Why:
     """Return why the efforts of an arm that runs away are released."""
     return Why(
         Cause.RUNAWAY,
-        f"the arm runs away, {joint} at {speed:.3g} rad/s: no commands until it is at rest",
-        f"see to delays and to the model of the arm, or lower the gains; then {AGAIN}",
+        f"the arm runs away, {joint} at {speed:.3g} rad/s: it gets no more efforts",
+        f"see to delays and to the model of the arm, or lower the gains; then {CALL_RESUME}",
     )
 
 

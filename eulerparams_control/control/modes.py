@@ -141,15 +141,22 @@ class Following(ControlMode):
 
 
 class Stopped(ControlMode):
-    """The tip brakes along its path, if the law may; then the joints are held."""
+    """The tip brakes along its path, if the law may; then the joints are held.
+
+    Attributes:
+        is_released: whether nothing is commanded: the arm ran away before.
+    """
 
     mode = Mode.STOPPED
     is_halted = True
+    is_released = False
 
     def command(
         self, guidance: Guidance, t: int, dt: float, q: Array, dq: Array
     ) -> JointCommand | None:
         """Return the command of the law while it brakes, then what holds the joints."""
+        if self.is_released:
+            return None
         if guidance.is_braking:
             return guidance.tick(t, dt, q, dq)
         return guidance.scheme.hold(dt, q, dq)
@@ -160,8 +167,14 @@ class Stopped(ControlMode):
         if isinstance(before, Stopped) and event not in (ModeEvent.FAULT, ModeEvent.DEFECT):
             return before
         if before.has_defect or event is ModeEvent.RECOVERED:
-            return cls(before.why)
-        return cls(why._replace(at=before.why.at) if before.is_halted else why)
+            why = before.why
+        elif before.is_halted:
+            why = why._replace(at=before.why.at)
+        after = cls(why)
+        after.is_released = before.is_runaway or (
+            isinstance(before, Stopped) and before.is_released
+        )
+        return after
 
 
 class Releasing(ControlMode):

@@ -109,5 +109,8 @@ class Orders:
         if mode.mode is Mode.STOPPED:
             if not self._acting.is_at_rest:
                 raise InvalidMessageError(f"not resumed: {held}, and moves; ask when it is at rest")
-            self._guidance.begin(self._acting.q, acts=True)
+            acts = self._acting.command is not None
+            self._supervisor.begin(self._acting.q, acts=acts)
+            if not acts:
+                self._guidance.scheme.start_from(None)
         self._supervisor.change(ModeEvent.RESUME)

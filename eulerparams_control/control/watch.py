@@ -7,6 +7,7 @@ import numpy as np
 
 from eulerparams_control.control.judge import AT_REST
 from eulerparams_control.errors import InvalidMessageError
+from eulerparams_control.laws.limits import factor_within
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.parameters.watchdog import WatchdogParameters
 from eulerparams_control.robot.robot import Robot
@@ -82,10 +83,10 @@ class Watch:
         else:
             self.mode = WatchMode.BRAKING
         state = self._robot.dynamic_state(self._q, self._dq)
-        tau = state.C_dq - p.damping * state.B @ self._dq
-        if p.compensate_gravity:
-            tau = tau + state.g
-        self._tau, self._sent = self._ramped(self._robot.limits.limit_effort(tau)[0], t), t
+        weight = state.C_dq + (state.g if p.compensate_gravity else 0.0)
+        damping, limits = -p.damping * state.B @ self._dq, self._robot.limits
+        tau = weight + factor_within(weight, damping, limits.effort) * damping
+        self._tau, self._sent = self._ramped(limits.limit_effort(tau)[0], t), t
         return self._tau
 
     def brake(self) -> bool:
@@ -108,4 +109,5 @@ class Watch:
     def _ramped(self, tau: Array, t: float) -> Array:
         """Return the efforts (n,) within the rate from those sent last."""
         step = self._parameters.max_effort_rate * min(t - self._sent, _LONGEST_STEP)
-        return self._tau + np.clip(tau - self._tau, -step, step)
+        away = tau - self._tau
+        return self._tau + factor_within(np.zeros_like(tau), away, np.full_like(tau, step)) * away

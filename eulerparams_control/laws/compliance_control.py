@@ -768,11 +768,11 @@ class ComplianceControl(DynamicControl):
         self.springs = None
         super().reset(q)
 
-    def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
+    def hold(self, dt: float, q: Array, dq: Array, w: Array | None = None) -> JointCommand:
         """Return efforts that stop the joints, and hold them there; no force is added then."""
         self._wanted = self.fed = _NO_FORCE
         self.springs = None
-        return super().hold(dt, q, dq)
+        return super().hold(dt, q, dq, w)
 
     def step(self, dt: float, q: Array, dq: Array, desired: Array, h: Array = NONE) -> Tick:
         """Return the efforts for this instant, with the force that is added.

@@ -28,17 +28,26 @@ from eulerparams_control.laws.compiled import (
     slot,
     to_rows,
 )
+from eulerparams_control.laws.hold import (
+    CONTACT,
+    MEASURED_CONTACT,
+    UNTOUCHED,
+    JointHold,
+    contact_force,
+)
 from eulerparams_control.laws.inverse_dynamics import (
     DDQ,
     DQ,
     DRIFT,
+    FELT,
+    FELT_RATE,
     INFINITE,
     NUMBERS,
     PAST,
+    SPEED,
     TAU,
     InverseDynamics,
     check_model,
-    command_effort,
     commanded,
     fitted,
     resolve_acceleration,
@@ -48,6 +57,7 @@ from eulerparams_control.laws.limits import (
     UNLIMITED,
     JointLimits,
     excess_after,
+    factor_within,
 )
 from eulerparams_control.laws.linear import Vec, mat, norm, put_vec, read_vec, vec
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
@@ -77,6 +87,7 @@ from eulerparams_control.motion.motion_limits import (
     approach,
 )
 from eulerparams_control.robot.chain import (
+    TIP,
     WORK,
     Motion,
     TipState,
@@ -87,13 +98,14 @@ from eulerparams_control.robot.chain import (
 )
 from eulerparams_control.robot.robot import Robot, RobotState
 
-# Stiffness [1/s^2] and damping [1/s] by which the joints are held where they are.
-_HOLD_K, _HOLD_D = 400.0, 40.0
+# States that come slower than this [1/s] cannot hold the joints.
+_HOLD_RATE = 20.0
 
-# Joints that brake slower than this [rad/s or m/s] are all but at rest.
-_SLOW = 0.05
+# Square [Nm^2] of what the joints feel below which they touch nothing.
+_NOTHING = 1.0
 
-_NO_J = np.empty((6, 0))
+# Where the velocity is in the row of a frame.
+_DP_D = slice(12, 15)
 
 # A gain [1/s] that is none.
 _TINY = 1e-100
@@ -470,7 +482,7 @@ class DynamicControl(Scheme):
     @property
     def hold_rate(self) -> float:
         """The rate [1/s] of the loop by which the joints are held."""
-        return max(math.sqrt(_HOLD_K), _HOLD_D / 2)
+        return _HOLD_RATE
 
     @property
     def bounds(self) -> Bounds:
@@ -497,23 +509,24 @@ class DynamicControl(Scheme):
         """Begin at the measured q (n,)."""
         self._q = q.copy()
         self._past = np.zeros((PAST, len(q)))
-        self._past[DQ] = math.nan
-        self._saturated = False
+        self._past[DQ] = self._past[SPEED] = math.nan
+        self._saturated, self._contact = False, UNTOUCHED
         self._tau: Array | None = None
         self._note_efforts()
         self._forget_x()
-        self._braked: tuple[Array, Array] | None = None  # q, dq (n,) of joints that are to stop
+        self._hold: JointHold | None = None
         self._blend.reset()
 
     def skip(self) -> None:
         """Forget the speeds of the tick before, which tell how the joints drift."""
-        self._past[DQ] = math.nan
+        self._past[DQ] = self._past[SPEED] = math.nan
 
     def resume(self, q: Array) -> None:
-        """Begin at the measured q (n,), with the efforts as they are."""
-        tau = self._tau
+        """Begin at the measured q (n,), with the efforts and the contact as they are."""
+        tau, past, contact = self._tau, self._past, self._contact
         self.reset(q)
-        self._tau = tau
+        self._tau, self._contact = tau, contact
+        self._past[SPEED], self._past[FELT] = past[SPEED], past[FELT]
         self._note_efforts()
 
     def _note_efforts(self) -> None:
@@ -521,37 +534,39 @@ class DynamicControl(Scheme):
         acting = self._start if self._tau is None else self._tau
         self._past[TAU] = math.nan if acting is None else acting
 
-    def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
-        """Return efforts that stop the joints within their accelerations, and hold them there.
+    def hold(self, dt: float, q: Array, dq: Array, w: Array | None = None) -> JointCommand:
+        """Return efforts that stop the joints, and hold them there: see :class:`JointHold`.
 
-        tau = B (ddq_b + d (dq_b - dq) + k (q_b - q)) + C dq + g, b for braked: it needs neither J
-        nor the orientation.  Friction, which helps to stop, is not compensated.
+        It needs no orientation.  Friction, which helps to stop, is not compensated.
+
+        Args:
+            dt, q, dq: as :meth:`tick` takes them.
+            w: (6,) the contact as it is measured, base frame, about the tip; or None.
         """
-        since, (q_b, dq_b) = dt, self._braked or (q, dq)
-        speed = dq_b @ dq_b
-        if self._braked is None or (speed > _SLOW**2 and dq @ dq_b < speed / 2):
-            since, q_b, dq_b = 0.0, q, dq  # it begins; or the arm is slower: others brake it
-        q_b, dq_b, ddq_b = self._brake(since, q_b, dq_b)
-        self._braked = q_b, dq_b
+        state, dynamics, past = self.robot.dynamic_state(q, dq), self.dynamics, self._past
         self._q = q
         self._forget_x()
         self._blend.reset()
-        ddq = ddq_b + _HOLD_D * (dq_b - dq) + _HOLD_K * self.robot.limits.difference(q_b, q)
-        dynamics = replace(self.dynamics, friction=None)
-        try:
-            return JointCommand(effort=self._command(q, dq, ddq, dt, dynamics))
-        except SingularityError:  # the measured state gives no finite efforts
-            return JointCommand(effort=np.zeros_like(q) if self._tau is None else self._tau)
-
-    def _brake(self, dt: float, q: Array, dq: Array) -> tuple[Array, Array, Array]:
-        """Return q, dq, ddq (n,) after dt [s] of braking from q, dq within their accelerations."""
-        joints = self.limits.joints
-        lasts = 0.0 if joints is None else joints.stop_time(dq)
-        if lasts == 0:
-            return q, np.zeros_like(dq), np.zeros_like(dq)
-        lasts = max(lasts, 2 / _HOLD_D, dt)  # slow joints stop softly
-        left = 1 - dt / lasts
-        return q + (1 + left) / 2 * dt * dq, left * dq, -dq / lasts
+        weight = state.C_dq + state.g
+        own = dynamics.coriolis * state.C_dq + dynamics.gravity * state.g
+        last = own if np.isnan(past[TAU]).any() else past[TAU].copy()
+        rate = np.broadcast_to(self.limits.rate, q.shape).astype(float)
+        felt = e = past[FELT].copy()
+        if dt > 0 and not np.isnan(past[SPEED]).any():  # eq. (32)
+            e = state.B @ ((dq - past[SPEED]) / dt) + own - last
+            felt += (1 - math.exp(-FELT_RATE * dt)) * (e - felt)
+        if self._hold is None:
+            joints, drove = self.limits.joints or self.robot.limits, self._contact.is_driven_in
+            self._hold = JointHold(joints, rate, state, felt, w, drove)
+        tau = self._hold.effort(dt, state, e, felt, w) + own - weight
+        room = rate * self._lasts(dt)
+        tau = last + factor_within(np.zeros_like(tau), tau - last, room) * (tau - last)
+        if not np.isfinite(tau).all():  # the measured state gives no finite efforts
+            tau = last
+        past[DQ], past[DDQ], past[TAU], past[SPEED] = math.nan, 0.0, tau, dq
+        past[DRIFT], past[FELT] = 0.0, felt
+        self._tau, self._start = tau, None
+        return JointCommand(effort=tau)
 
     def last_command(self, q: Array, dq: Array) -> JointCommand:
         """Return the gravitational efforts at q (n,): nothing in them gets stale."""
@@ -586,6 +601,7 @@ class DynamicControl(Scheme):
             self.robot.refuse_size(q, dq)
         row = np.empty(self.width)
         tau, saturated, excess = self.efforts(dt, row, desired, h, q, dq)
+        self.see_contact(dt, row, desired, None, self.is_pressing)
         told = saturated, excess, None, self._x_de
         command = of_parts(JointCommand, (None, None, tau, None))
         return of_parts(Tick, (command, desired, row, n, self._unpack, *told))
@@ -606,13 +622,36 @@ class DynamicControl(Scheme):
         found = self._step(
             robot.chain, self.work, row, q, dq, desired, h, self._x_de, dt, self._lasts(dt), *given
         )
-        self._q, self._braked = row[: robot.n], None
+        self._q, self._hold = row[: robot.n], None
         if found < 0:
             raise self._error(found, row, DesiredFrame.of(desired))
         self._saturated, self._x_de = found != 0, row[at_x:]
         tau = self._tau = row[at_tau:at_x]
         self._start = None
         return tau, self._saturated, row.item(at)
+
+    def see_contact(
+        self, dt: float, row: Array, desired: Array, force: Array | None, presses: bool
+    ) -> None:
+        """Go on with who did the work on a contact: the motion, or what pushes the arm.
+
+        Args:
+            dt: [s] since the tick before.
+            row: of this tick.
+            desired: the frame that leads the arm, as a row (24,).
+            force: (3,) [N] of the contact on the tip as it is measured; None: it is estimated.
+            presses: whether the arm is told to exert a force.
+        """
+        n, felt, least = self.robot.n, self._past[FELT], MEASURED_CONTACT
+        if force is None:
+            if felt @ felt < _NOTHING:
+                self._contact = UNTOUCHED
+                return
+            J = row[2 * n + TIP : 8 * n + TIP].reshape(6, n)
+            force, least = contact_force(J, felt), CONTACT
+        self._contact = self._contact.after(
+            dt, force, least, desired[_DP_D], row[2 * n + 12 : 2 * n + 15], presses
+        )
 
     def _error(
         self, found: int, row: Array, desired: DesiredFrame
@@ -630,19 +669,3 @@ class DynamicControl(Scheme):
     def _lasts(self, dt: float) -> float:
         """Return how long [s] the efforts before have acted, dt [s] after the tick before."""
         return max(dt, SHORTEST) if self._tau is None else dt
-
-    def _command(
-        self, q: Array, dq: Array, ddq: Array, dt: float, dynamics: InverseDynamics
-    ) -> Array:
-        """Return the efforts for ddq (n,) at q, dq (n,) within the limits.
-
-        Raises:
-            SingularityError: if they are not finite; nothing is kept then.
-        """
-        wanted, tau, arm = np.empty_like(q), np.empty_like(q), (self.robot.chain, q, dq, _NO_J)
-        given = dynamics.friction_rows, dynamics.numbers, self.limits.rows
-        past = dt, self._lasts(dt), self._past
-        if command_effort(*arm, ddq, NONE, *past, *given, wanted, tau) & INFINITE:
-            raise SingularityError(_WORDS[INFINITE_EFFORT])
-        self._tau, self._start = tau, None
-        return tau

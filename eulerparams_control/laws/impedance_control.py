@@ -121,7 +121,12 @@ class NoMotionLoop:
     def skip(self) -> None:
         """Go on: there are no rates."""
 
-    def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
+    def see_contact(
+        self, dt: float, row: Array, desired: Array, force: Array | None, presses: bool
+    ) -> None:
+        """Go on: no joint is held here."""
+
+    def hold(self, dt: float, q: Array, dq: Array, w: Array | None = None) -> JointCommand:
         """Return no command."""
         return JointCommand()
 
@@ -510,7 +515,8 @@ class ImpedanceControl(Scheme):
         self._forget()
         self._held = held
         self._balance = self._contact(q, dq)
-        return self.motion.hold(dt, q, dq)._replace(frame_row=held.row)
+        w = None if self._sensed is None else self._balance
+        return self.motion.hold(dt, q, dq, w)._replace(frame_row=held.row)
 
     def last_command(self, q: Array, dq: Array) -> JointCommand:
         """Return the command of the motion loop that may stay for good."""
@@ -571,6 +577,7 @@ class ImpedanceControl(Scheme):
         if self.force.is_on:
             h = h + self._ahead(row)
         tau, saturated, excess = motion.efforts(dt, row, compliant, h)  # eq. (48)
+        motion.see_contact(dt, row, desired, None if self.is_frozen else w[:3], self.force.is_on)
         command = of_parts(JointCommand, (None, None, tau, compliant))
         # of the tip from the desired frame, not from the compliant one
         self._x_de = x_de = sensed[12:]

@@ -25,8 +25,9 @@ from eulerparams_control.laws.inverse import DampedInverse, invert, resolve
 from eulerparams_control.laws.limits import (
     UNLIMITED,
     JointLimits,
+    clip,
+    factor_within,
     limit_acceleration,
-    limit_effort,
     subtract,
 )
 from eulerparams_control.laws.scheme import check_gains
@@ -130,14 +131,20 @@ class InverseDynamics:
         return np.empty((2, 0)) if friction is None else np.array([*astuple(friction)])
 
 
-DQ, DDQ, TAU, DRIFT = range(4)
+DQ, DDQ, TAU, DRIFT, SPEED, FELT = range(6)
 """Rows of what is known of the command before: speeds measured then, all NaN if it was not obeyed;
-the accelerations that were wanted; the efforts that act, all NaN if the weight does; and by how
-much [rad/s^2] the joints accelerate more than commanded."""
+the accelerations that were wanted; the efforts that act, all NaN if the weight does; by how
+much [rad/s^2] the joints accelerate more than commanded; speeds measured then, obeyed or not, all
+NaN if they are not known; and what the environment exerts on the joints [Nm]."""
 
-PAST = DRIFT + 1
+PAST = FELT + 1
+FELT_RATE = 100.0
+"""Rate [1/s] at which what the environment exerts is followed."""
+
 RATE = 5
 """Row of the rates of the efforts, below the limits of the joints."""
+
+_EFFORT = 3  # the row of the limits of the efforts
 
 # What changed an effort: the law asks for too much acceleration, effort or change of it; or it
 # is not finite.
@@ -186,6 +193,13 @@ def commanded(
     """
     n, found, drift, given = len(q), 0, past[DRIFT], _read_numbers(numbers, 0)
     is_limited, gravity, coriolis = limits.shape[1] > 0, given.gravity, given.coriolis
+    still, weight, added = np.zeros(n), np.empty(n), np.zeros(n)  # the latter by the robot itself
+    efforts(chain, dq, still, work, True, True, weight)
+    if not (gravity and coriolis):
+        efforts(chain, dq, still, work, gravity, coriolis, added)
+        for i in range(n):
+            added[i] = weight[i] - added[i]
+    _feel(chain, dq, work, dt, added, past)
     for i in range(n):
         wanted[i] = ddq[i]
     if is_limited:
@@ -196,11 +210,6 @@ def commanded(
         if limit_acceleration(limits, q, dq, ddq, dt, drift, wanted):
             found |= SLOWED
     efforts(chain, dq, wanted, work, gravity, coriolis, tau)
-    added = np.zeros(n)  # by the robot itself
-    if not (gravity and coriolis):
-        efforts(chain, dq, wanted, work, True, True, added)
-        for i in range(n):
-            added[i] -= tau[i]
     for i in range(n):
         if friction.shape[1] > 0:
             tau[i] += friction_effort(friction[0, i], friction[1, i], dq[i])
@@ -209,37 +218,58 @@ def commanded(
         if not math.isfinite(tau[i]):
             return INFINITE
     if is_limited:
-        found |= _limit_effort(chain, work, lasts, past, gravity, added, limits, tau)
+        found |= _limit_effort(chain, work, lasts, past, gravity, weight, added, limits, tau)
     for i in range(n):
         past[DQ, i] = math.nan if found & (CUT | RAMPED) else dq[i]
-        past[DDQ, i], past[TAU, i] = wanted[i], tau[i]
+        past[DDQ, i], past[TAU, i], past[SPEED, i] = wanted[i], tau[i], dq[i]
     return found
 
 
 @kernel
-def _limit_effort(
-    chain: Rows, work: Rows, lasts: float, past: Rows, gravity: bool, added: Row, limits: Rows,
-    tau: Row,
-) -> int:  # fmt: skip
-    """Limit tau (n,), and its change from what acts; return what was changed."""
-    n, found = len(tau), 0
-    asked, limited, last = np.empty(n), np.empty(n), past[TAU].copy()
+def _feel(chain: Rows, dq: Input, work: Rows, dt: float, added: Row, past: Rows) -> None:
+    """Follow what the environment exerts on the joints: B ddq + C dq + g - tau, eq. (32)."""
+    if not dt > 0.0 or math.isnan(past[SPEED, 0]) or math.isnan(past[TAU, 0]):
+        return
+    n, part = len(dq), 1.0 - math.exp(-FELT_RATE * dt)
+    ddq, needed = np.empty(n), np.empty(n)
     for i in range(n):
-        asked[i] = tau[i] + added[i]
-    if limit_effort(limits, asked, limited):
-        found |= CUT
-        for i in range(n):
-            tau[i] = limited[i] - added[i]
+        ddq[i] = (dq[i] - past[SPEED, i]) / dt
+    efforts(chain, dq, ddq, work, True, True, needed)
+    for i in range(n):
+        past[FELT, i] += part * (needed[i] - added[i] - past[TAU, i] - past[FELT, i])
+
+
+@kernel
+def _limit_effort(
+    chain: Rows, work: Rows, lasts: float, past: Rows, gravity: bool, weight: Row, added: Row,
+    limits: Rows, tau: Row,
+) -> int:  # fmt: skip
+    """Limit tau (n,), and its change from what acts; return what was changed.
+
+    One factor cuts all joints: about C dq + g for the limits, about what acts for the rates.
+    """
+    n, found = len(tau), 0
+    step, room, last = np.empty(n), np.empty(n), past[TAU].copy()
+    for i in range(n):
+        step[i] = tau[i] + added[i] - weight[i]
+    factor = factor_within(weight, step, limits[_EFFORT])
+    for i in range(n):
+        most, asked = limits[_EFFORT, i], tau[i] + added[i]
+        if factor < 1.0 or abs(asked) > most:
+            found |= CUT
+            tau[i] = clip(weight[i] + factor * step[i], -most, most) - added[i]
     if math.isnan(last[0]):
         last[:] = 0.0
         if gravity:
             still = np.zeros(n)
             efforts(chain, still, still, work, True, False, last)
     for i in range(n):
-        step = limits[RATE, i] * lasts
-        if abs(tau[i] - last[i]) > step:
-            found |= RAMPED
-            tau[i] = last[i] + min(max(tau[i] - last[i], -step), step)
+        step[i], room[i] = tau[i] - last[i], limits[RATE, i] * lasts
+    factor = factor_within(np.zeros(n), step, room)
+    if factor < 1.0:
+        found |= RAMPED
+        for i in range(n):
+            tau[i] = last[i] + factor * step[i]
     return found
 
 

@@ -30,6 +30,8 @@ SHORTEST = 1e-3
 # Part of the acceleration limit by which efforts plan to brake: they follow late.
 _PLANNED = 0.8
 
+_FULL_EFFORT_TIME, _LEAST_EFFORT_RATE = 0.02, 2000.0
+
 _TINY = 1e-300
 
 UNLIMITED = np.empty((5, 0))
@@ -61,6 +63,15 @@ class JointLimits:
     def rows(self) -> Array:
         """All limits (5, n) in the order of the attributes, as formulas take them."""
         return np.array([self.lower, self.upper, self.velocity, self.effort, self.acceleration])
+
+    @property
+    def effort_rate(self) -> Array:
+        """(n,) [Nm/s] at which efforts may change, if nothing else is said.
+
+        They get to their limits within 0.02 s, and no slower than at 2000 Nm/s.
+        """
+        rate: Array = np.maximum(self.effort / _FULL_EFFORT_TIME, _LEAST_EFFORT_RATE)
+        return rate
 
     def scaled(self, velocity_scale: float) -> "JointLimits":
         """Return the limits with the speeds times ``velocity_scale``."""
@@ -346,6 +357,20 @@ def without_accelerations(limits: Rows) -> Rows:
     for i in range(limits.shape[1]):
         free[_ACCELERATION, i] = math.inf
     return free
+
+
+@entry
+def factor_within(base: Input, step: Input, most: Input) -> float:
+    """Return the largest factor s from 0 to 1 with which |base + s step| <= most, all (n,).
+
+    One factor for all keeps the direction of a step; joint by joint it would turn.
+    """
+    factor = 1.0
+    for i in range(len(step)):
+        room = most[i] - base[i] if step[i] > 0.0 else most[i] + base[i]
+        if abs(step[i]) * factor > room:
+            factor = max(room, 0.0) / abs(step[i])
+    return factor
 
 
 @entry

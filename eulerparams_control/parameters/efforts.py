@@ -53,8 +53,9 @@ class EffortParameters(ControlParameters):
         (0.0,) * 6, "xx, xy, xz, yy, yz, zz about the centre of mass", unit="kg m^2"
     )
     max_effort_rate: tuple[float, ...] = parameter(
-        (1000.0,),
-        "one, or one a joint; too little cannot stop the arm",
+        (),
+        "one, or one a joint; empty: the effort limit in 0.02 s, 2000 or more; too little cannot "
+        "stop the arm, and makes its hold oscillate",
         unit="Nm/s",
         bounds=(100.0, 1e9),
         live=True,
@@ -93,7 +94,8 @@ class EffortParameters(ControlParameters):
 
     def effort_limits(self, robot: Robot, limits: JointLimits | None) -> EffortLimits:
         """Return what bounds the efforts; raises ConfigurationError."""
-        rate = each_joint("max_effort_rate", self.max_effort_rate, robot)
+        given = self.max_effort_rate
+        rate = each_joint("max_effort_rate", given, robot) if given else robot.limits.effort_rate
         return EffortLimits(
             limits, rate, self.max_error_position, self.max_error_rotation, self.motion_limits()
         )

@@ -123,7 +123,8 @@ def _effort_rate(recording: Recording) -> float:
     """Return the parameter max_effort_rate of the controller, of the fastest joint [Nm/s]."""
     for values in recording.parameters.values():
         if "max_effort_rate" in values:
-            return float(np.max(values["max_effort_rate"]))
+            given = np.array(values["max_effort_rate"])
+            return float(np.max(given if given.size else recording.robot.limits.effort_rate))
     raise BagError(f"{recording.path}: no controller has told its max_effort_rate")
 
 

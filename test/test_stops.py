@@ -1,0 +1,143 @@
+"""Stops under efforts: what pushed the arm is held, what it drove into is let go.
+
+The plants have joints of 1 Nm s/rad and 0.5 Nm friction, and rotors that no model knows.
+"""
+
+import numpy as np
+import pytest
+from leaning import Hand, Leaning, Wall, most_that_joints_hold
+
+from eulerparams_control.control.mode import Cause, Mode
+from eulerparams_control.errors import InvalidMessageError
+from eulerparams_control.motion.frames import DesiredFrame
+
+ARMS = ("ur5", "panda", "kuka_iiwa")
+# The sides from which a hand comes, and those to which an arm drives.
+AXES = np.vstack((np.eye(3), -np.eye(3)))
+# A person leans on an arm with no more [N].
+LEANS = 100.0
+# What pushes an arm until it stops [N]: no more than its joints can hold.
+PUSHES = {"ur5": 150.0, "panda": 45.0, "kuka_iiwa": 150.0}
+# A stop gives way by no more [m], where the contact is not measured by twice that; the tip is no
+# faster [m/s], the joints no faster [rad/s].
+GIVES_WAY, SLOW_TIP, SLOW_JOINTS = 0.010, 0.25, 0.5
+# What is left [N], and how fast joints are [rad/s], a second after an arm drove into a contact.
+CLAMPED, RESTS = 50.0, 0.02
+
+
+def leaned_on(arm, axis, law="dynamic_control", **parameters):
+    """Return an arm that holds, with a hand on it, and how much the hand pushes at most [N]."""
+    leaning = Leaning(law, arm, parameters=parameters)
+    leaning.run(0.1)
+    return leaning, min(LEANS, 0.2 * most_that_joints_hold(leaning.plant, axis))
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_halted_arm_hardly_moves_where_a_person_leans_on_it_and_lets_go(arm):
+    for axis in AXES[:3]:
+        leaning, most = leaned_on(arm, axis)
+        leaning.controller.orders.halt()
+        leaning.run(0.1)
+        leaning.forget()
+        hand = leaning.force = Hand(axis)
+        hand.grow(leaning, most)
+        leaning.run(0.5)
+        assert leaning.gave_way < GIVES_WAY
+        assert np.max(leaning.joints) < SLOW_JOINTS
+        hand.most = 0.0
+        leaning.run(0.3)
+        assert max(leaning.speeds) < SLOW_TIP
+        assert np.linalg.norm(leaning.path[-1] - leaning.path[0]) < GIVES_WAY
+        assert leaning.mode is Mode.STOPPED
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_an_arm_that_a_contact_stops_gives_way_to_it_no_more(arm):
+    most = PUSHES[arm]
+    for axis in AXES[:3]:
+        leaning, _ = leaned_on(arm, axis, "impedance_control", max_contact_force=most - 10.0)
+        hand = leaning.force = Hand(axis)
+        hand.grow(leaning, most, until=leaning.is_stopped)
+        assert leaning.controller.why.cause is Cause.CONTACT_TOO_LARGE
+        leaning.forget()
+        hand.most = most
+        leaning.run(0.5)
+        assert leaning.gave_way < GIVES_WAY
+        assert max(leaning.speeds) < SLOW_TIP
+        leaning.forget()
+        hand.most = 0.0
+        leaning.run(0.3)
+        assert max(leaning.speeds) < SLOW_TIP
+        assert leaning.mode is Mode.STOPPED
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_where_no_sensor_measures_it_what_pushes_a_stopped_arm_is_held_all_the_same(arm):
+    for axis in AXES[:3]:
+        leaning, most = leaned_on(arm, axis)
+        hand = leaning.force = Hand(axis)
+        hand.grow(leaning, most)
+        leaning.controller.orders.halt()
+        leaning.forget()
+        leaning.run(0.5)
+        assert leaning.gave_way < 2 * GIVES_WAY
+        hand.most = 0.0
+        leaning.run(0.3)
+        assert max(leaning.speeds) < SLOW_TIP
+
+
+@pytest.mark.parametrize(
+    ("law", "given"),
+    [("dynamic_control", {}), ("impedance_control", {"max_contact_force": 100.0})],
+)
+@pytest.mark.parametrize("arm", ARMS)
+def test_what_an_arm_drove_into_is_let_go_and_no_joint_is_flung_by_the_stop(arm, law, given):
+    for axis in AXES[::2]:
+        leaning, _ = leaned_on(arm, axis, law, **given)
+        here = leaning.scheme.start_frame()
+        leaning.force = Wall(here.p_d + 0.08 * axis, -axis, 2e4)
+        leaning.controller.orders.aim(DesiredFrame(here.p_d + 0.3 * axis, here.R_d), leaning.now)
+        assert leaning.run(4.0, until=leaning.is_stopped)
+        before = np.max(leaning.joints)
+        leaning.forget()
+        leaning.run(1.0)
+        assert np.max(leaning.joints) < 1.1 * before
+        assert np.max(leaning.joints[-1]) < RESTS
+        assert np.linalg.norm(leaning.touched) < CLAMPED
+        assert leaning.mode is Mode.STOPPED
+
+
+def test_with_a_slow_rate_of_the_efforts_the_hold_is_softer_but_does_not_swing():
+    axis = AXES[0]
+    leaning, most = leaned_on("kuka_iiwa", axis, max_effort_rate=(1000.0,))
+    leaning.controller.orders.halt()
+    hand = leaning.force = Hand(axis)
+    hand.grow(leaning, most)
+    leaning.run(0.5)
+    hand.most = 0.0
+    leaning.forget()
+    leaning.run(1.5)
+    assert np.max(leaning.joints[-1]) < 0.2 * np.max(leaning.joints)
+    assert leaning.mode is Mode.STOPPED
+
+
+@pytest.mark.parametrize("law", ["dynamic_control", "impedance_control", "compliance_control"])
+def test_an_arm_that_ran_away_gets_no_efforts_until_it_is_resumed(law):
+    leaning = Leaning(law, "ur5")
+    leaning.run(0.1)
+    leaning.plant.dq = 2.0 * leaning.plant.robot.limits.velocity
+    leaning.plant.step(leaning.tau, leaning.force, leaning.dt)
+    leaning.tick()
+    assert leaning.controller.why.cause is Cause.RUNAWAY
+    assert leaning.run(2.0, until=lambda: leaning.mode is Mode.STOPPED)
+    leaning.forget()
+    leaning.run(1.0)
+    assert leaning.efforts == [None] * len(leaning.efforts)
+    here = leaning.scheme.frame_at(leaning.plant.q)
+    with pytest.raises(InvalidMessageError, match="~/resume"):
+        leaning.controller.orders.aim(here, leaning.now)
+    leaning.controller.orders.resume()
+    leaning.run(0.2)
+    assert leaning.mode is Mode.HOLDING
+    assert leaning.efforts[-1] is not None
+    assert leaning.gave_way < GIVES_WAY
