@@ -13,6 +13,8 @@ from typing import Any
 import pytest
 import yaml
 from in_process import World
+from rcl_interfaces.srv import GetParameters
+from rclpy.parameter import parameter_value_to_python
 from ros_processes import FRAMES, HOME, UR5, Arm, Process, environment
 from sensor_msgs.msg import JointState
 
@@ -452,30 +454,63 @@ def test_what_shows_an_arm_is_started_where_it_is_installed(launched, tmp_path, 
         assert base == "base_link"
 
 
-@pytest.mark.slow
-def test_bringup_moves_the_simulated_robot_and_ctrl_c_ends_all(graph, tmp_path):
+def start(graph: Any, tmp_path: Path, file: str, names: Sequence[str], **given: str) -> Process:
+    """Start a launch file by the real ``launch``."""
     pytest.importorskip("launch_ros.actions")
-    names = "pybullet_bridge", "clik", "bag_recorder"
     (index := tmp_path / "share/ament_index/resource_index/packages").mkdir(parents=True)
     (index / "eulerparams_control").touch()
     (folder := tmp_path / "lib/eulerparams_control").mkdir(parents=True)
     for name in names:
         (folder / name).symlink_to(Path(sys.executable).with_name(name))
-    given = [("record", "true"), ("parameters", f"{{bag_recorder: {{output: {tmp_path}/bag}}}}")]
+    path, arguments = f"{ROOT}/launch/{file}.launch.py", list(given.items())
     code = f"""
 from launch import LaunchDescription, LaunchService, actions
-file = actions.IncludeLaunchDescription("{ROOT}/launch/bringup.launch.py", launch_arguments={given})
+file = actions.IncludeLaunchDescription({path!r}, launch_arguments={arguments!r})
 (service := LaunchService()).include_launch_description(LaunchDescription([file]))
 raise SystemExit(service.run())
 """
     env = environment(tmp_path, graph.domain) | {"AMENT_PREFIX_PATH": f"{tmp_path}:{sys.prefix}"}
-    commands = graph.peer.listen(JointState, "joint_reference")
     process = Process([sys.executable, "-c", code], tmp_path / "launch", "launch", env)
     graph.processes.append(process)
+    return process
+
+
+def asked(graph: Any, node: str, *names: str) -> list[Any]:
+    """Return parameters of a node that runs."""
+    client = graph.peer.node.create_client(GetParameters, f"{node}/get_parameters")
+    graph.until(client.service_is_ready, f"the parameters of {node}")
+    answer = client.call_async(GetParameters.Request(names=list(names)))
+    graph.until(answer.done, f"the parameters of {node}")
+    return [parameter_value_to_python(value) for value in answer.result().values]
+
+
+@pytest.mark.slow
+def test_bringup_moves_the_simulated_robot_and_ctrl_c_ends_all(graph, tmp_path):
+    names = "pybullet_bridge", "clik", "bag_recorder"
+    output = f"{{bag_recorder: {{output: {tmp_path}/bag}}}}"
+    commands = graph.peer.listen(JointState, "joint_reference")
+    given = {"record": "true", "use_sim_time": "true", "parameters": output}
+    process = start(graph, tmp_path, "bringup", names, **given)
     graph.until(lambda: commands or process.exit_code is not None, "a command")
     assert commands, process.log
     assert commands[-1].position.tolist() == pytest.approx(HOME.tolist(), abs=1e-6)
+    for name in names:
+        assert asked(graph, name, "use_sim_time") == [True]
     process.signal(signal.SIGINT)
     assert process.end() == 0
     assert process.log.count("process has finished cleanly") == len(names)
     assert (tmp_path / "bag" / "metadata.yaml").is_file()
+
+
+@pytest.mark.slow
+def test_the_nodes_of_a_real_arm_have_its_parameters_and_those_that_are_given(graph, tmp_path):
+    text = "{watchdog: {timeout: 0.1}, impedance_control: {posture: [], k_Pp: 1e3}}"
+    given = {"controller": "impedance_control", "parameters": text}
+    process = start(graph, tmp_path, "franka", ("watchdog", "impedance_control"), **given)
+    for node, expected in {
+        "watchdog": {"timeout": 0.1, "compensate_gravity": False, "tip_frame": "fr3_hand_tcp"},
+        "impedance_control": {"k_Pp": 1e3, "compensate_gravity": False, "wrench_sign": -1},
+    }.items():
+        assert asked(graph, node, *expected) == list(expected.values())
+    process.signal(signal.SIGINT)
+    assert process.end() == 0
