@@ -84,7 +84,10 @@ def command_topics(given: dict[str, str]) -> dict[str, str]:
 
 
 def refuse_unsuitable(arm: Arm, controller: str) -> None:
-    """Raise UnknownNameError for a controller that an arm does not take."""
+    """Raise UnknownNameError for a controller that an arm does not take, or nobody knows."""
+    for name in arm.controllers:
+        if name not in CONTROLLERS:
+            raise UnknownNameError(f"controller of '{arm.name}':", name, CONTROLLERS)
     if arm.controllers and controller not in arm.controllers:
         raise UnknownNameError(f"controller of '{arm.name}':", controller, arm.controllers)
 

@@ -223,7 +223,7 @@ RELIABILITY = f"qos_overrides.{SENSOR}.subscription.reliability"
     ("text", "changed"),
     [
         ("{watchdog: {timeout: 0.1}}", {"watchdog": {"timeout": 0.1}}),
-        ("  {impedance_control: {K_p: [500, 500, 50]} } ",
+        ("  {impedance_control: {K_p: [500, 5e2, 50]} } ",
          {"impedance_control": {"K_p": [500.0, 500.0, 50.0]}}),
         ("{impedance_control: {max_effort_rate: [500.0], posture: []}}",
          {"impedance_control": {"max_effort_rate": [500.0], "posture": []}}),
@@ -327,13 +327,33 @@ def test_a_file_of_parameters_is_merged_into_those_of_the_arm_for_the_nodes_that
         "watchdog": section(damping=10.0),
         "/left/impedance_control": section(k_Vo=31.0),
         "/right/impedance_control": section(k_Vo=32.0),
+        "/**/impedance_control": section(wrench_bias=[0.0] * 6),
+        "/*/watchdog": section(state_timeout=0.2),
+        "/right/*": section(k_Pp=1.0),
         "gripper_controller": section(x=1),
     }
     (file := tmp_path / "own.yaml").write_text(yaml.safe_dump(own))
     nodes = by_name(launched("ur", params_file=str(file), namespace="left", **given))
     watchdog, control = nodes["watchdog"], nodes["impedance_control"]
-    assert passed(watchdog) == passed(before["watchdog"]) | {"damping": 10.0}
-    assert passed(control) == passed(before["impedance_control"]) | {"k_Vp": 30.0, "k_Vo": 31.0}
+    added = {"damping": 10.0, "state_timeout": 0.2}
+    assert passed(watchdog) == passed(before["watchdog"]) | added
+    added = {"k_Vp": 30.0, "k_Vo": 31.0, "wrench_bias": [0.0] * 6}
+    assert passed(control) == passed(before["impedance_control"]) | added
+
+
+def test_a_file_of_identify_tool_is_one_of_parameters_and_the_watchdog_knows_the_tool(
+    launched, tmp_path
+):
+    found = {
+        "/**": section(tool_mass=1.5, tool_com=[0.0, 0.0, 0.1]),
+        "/**/impedance_control": section(wrench_sign=-1, wrench_bias=[0.0] * 6),
+    }
+    (file := tmp_path / "tool.yaml").write_text(yaml.safe_dump(found))
+    nodes = by_name(launched("any", controller="impedance_control", params_file=str(file)))
+    assert values(nodes["impedance_control"])["wrench_sign"] == -1
+    for node in nodes.values():
+        assert values(node)["tool_mass"] == 1.5
+        assert values(node)["tool_com"] == (0.0, 0.0, 0.1)
 
 
 @pytest.mark.parametrize(
@@ -421,12 +441,18 @@ def test_a_real_arm_is_added_by_one_file(launched, tmp_path):
         ("{tipframe: x}", "unknown key 'tipframe' (did you mean 'tip_frame'?)"),
         ("{parameters: {clik: {k_pp: 1.0}}}", "did you mean 'k_Pp'?"),
         ("{topics: {wrensh: /x}}", "did you mean 'wrench'?"),
+        ("{controllers: clik}", "controllers is 'clik'; expected a list of names"),
+        ("{namespace: }", "namespace is None; expected a name"),
+        ("{watchdog: 1}", "watchdog is 1; expected true or false"),
         ("x", "holds 'x'; expected a mapping"),
     ):
         file.write_text(content)
         with pytest.raises(ConfigurationError, match=re.escape(words)) as refusal:
             launched("bringup", **given)
         assert str(file) in str(refusal.value)
+    file.write_text("{controllers: [clk]}")
+    with pytest.raises(UnknownNameError, match=r"controller of 'mine': 'clk' .did you mean 'clik'"):
+        launched("bringup", **given)
     with pytest.raises(UnknownNameError, match="did you mean 'franka'"):
         launched("bringup", sim="false", robot="frnka")
 

@@ -3,9 +3,9 @@
 ``config/robots/real/NAME.yaml`` adds an arm; such a file elsewhere is named by its path.
 """
 
+import dataclasses
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -15,7 +15,13 @@ from typing import Any
 import yaml
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError, did_you_mean
-from eulerparams_control.parameters.fields import checked, fields_of, refuse_unknown
+from eulerparams_control.parameters.fields import (
+    checked,
+    fields_of,
+    is_list,
+    item_type,
+    refuse_unknown,
+)
 from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.resources import config_file, config_names
 from eulerparams_control.ros.parameter_files import named_sections
@@ -39,7 +45,7 @@ type Parameters = dict[str, dict[str, Any]]
 """Parameters of nodes: by the name of the node, then by that of the parameter, with dots."""
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Arm:
     """A real arm behind its driver.
 
@@ -53,9 +59,9 @@ class Arm:
 
     name: str = ""
     controllers: tuple[str, ...] = ()
-    arguments: Mapping[str, str] = field(default_factory=dict)
-    topics: Mapping[str, str] = field(default_factory=dict)
-    parameters: Parameters = field(default_factory=dict)
+    arguments: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    topics: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    parameters: Parameters = dataclasses.field(default_factory=dict)
 
 
 def arm_launch(file: str) -> Any:
@@ -91,10 +97,13 @@ def load_arm(name_or_path: str) -> Arm:
         for key in entry:
             if key not in _KEYS:
                 raise UnknownNameError("key", key, _KEYS)
+        controllers = entry.get("controllers") or []
+        if not isinstance(controllers, list):
+            raise ConfigurationError(f"controllers is {controllers!r}; expected a list of names")
         return Arm(
             path.stem,
-            tuple(map(str, entry.get("controllers") or ())),
-            {name: _argument(entry[name]) for name in ARGUMENTS if name in entry},
+            tuple(map(str, controllers)),
+            {name: _argument(name, entry[name]) for name in ARGUMENTS if name in entry},
             topics_of(entry.get("topics")),
             parameters_of(entry.get("parameters")),
         )
@@ -102,8 +111,14 @@ def load_arm(name_or_path: str) -> Arm:
         raise ConfigurationError(f"{path}: {error}") from error
 
 
-def _argument(value: Any) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
+def _argument(name: str, value: Any) -> str:
+    if name == "watchdog":
+        if not isinstance(value, bool):
+            raise ConfigurationError(f"{name} is {value!r}; expected true or false")
+        return str(value).lower()
+    if not isinstance(value, str):
+        raise ConfigurationError(f"{name} is {value!r}; expected a name")
+    return value
 
 
 def read_argument(name: str, text: str, example: str) -> dict[str, Any]:
@@ -173,7 +188,8 @@ def parameters_of(given: Any) -> Parameters:
 def parameters_of_file(path: str, namespace: str, controllers: Collection[str]) -> Parameters:
     """Return what a parameter file of ROS has for nodes, checked.
 
-    A section with a wildcard is for the controllers.  One that has no namespace counts in each.
+    A section whose last part is a wildcard is for the controllers.  One that has no namespace
+    counts in each.
 
     Args:
         path: of the file.
@@ -190,11 +206,10 @@ def parameters_of_file(path: str, namespace: str, controllers: Collection[str]) 
         part = section.rpartition("/")[2]
         if part not in nodes and did_you_mean(part, nodes):
             raise ConfigurationError(f"{path}: {UnknownNameError('node', part, nodes)}")
-        pattern = re.escape(section).replace(r"\*\*", ".*").replace(r"\*", "[^/]*")
-        for node in nodes:
+        pattern = re.escape(section).replace(r"/\*\*", "(/.*)?").replace(r"\*", "[^/]*")
+        for node in nodes & {part} or nodes & {*controllers}:
             name = re.sub("/+", "/", f"/{namespace}/{node}")
-            is_named = section in (name, f"/{node}")
-            if is_named or (node in controllers and "*" in section and re.fullmatch(pattern, name)):
+            if section == f"/{node}" or re.fullmatch(pattern, name):
                 own = found.setdefault(node, {})
                 own |= _flat(_mapping(f"parameters of '{node}'", values))
     if not found:
@@ -255,7 +270,7 @@ def _checked(node: str, values: dict[str, Any]) -> dict[str, Any]:
     try:
         refuse_unknown(kind, values, _FREE if node == BRIDGE else ())
         return {
-            name: _plain(checked(fields[name], _number(fields[name], value)))
+            name: _plain(checked(fields[name], _numbers(fields[name], value)))
             if name in fields
             else value
             for name, value in values.items()
@@ -272,14 +287,18 @@ def _parameters_type(node: str) -> type[Any]:
     return found
 
 
-def _number(parameter: Any, value: Any) -> Any:
-    """Return 1e-3 as a number: for YAML it is a word, for ROS it is none."""
-    if isinstance(value, str) and isinstance(parameter.default, float):
-        try:
-            return float(value)
-        except ValueError:
-            return value
-    return value
+def _numbers(field: dataclasses.Field[Any], value: Any) -> Any:
+    """Return a value with 1e-3 as a number: it is a word for YAML, and a number for ROS."""
+    if (item_type(field) if is_list(field) else field.type) is not float:
+        return value
+    return [*map(_number, value)] if isinstance(value, list) else _number(value)
+
+
+def _number(value: Any) -> Any:
+    try:
+        return float(value) if isinstance(value, str) else value
+    except ValueError:
+        return value
 
 
 def _plain(value: Any) -> Any:
