@@ -14,7 +14,7 @@ from eulerparams_control.parameters.schemes import TORQUE, schemes
 from eulerparams_control.resources import PACKAGE, config_folder
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.ros import arm_launch
-from eulerparams_control.ros.arm_launch import BRIDGE, RECORDER, WATCHDOG, Arm, load_arm, merged
+from eulerparams_control.ros.arm_launch import BRIDGE, RECORDER, WATCHDOG, RealArm, load_arm, merged
 
 RSP = "robot_state_publisher"
 VIEWS = config_folder() / "views"
@@ -83,7 +83,7 @@ def command_topics(given: dict[str, str]) -> dict[str, str]:
     return {name: taken(given[kind], name)[1] for name, kind in controllers.items()}
 
 
-def refuse_unsuitable(arm: Arm, controller: str) -> None:
+def refuse_unsuitable(arm: RealArm, controller: str) -> None:
     """Raise UnknownNameError for a controller that an arm does not take, or nobody knows."""
     for name in arm.controllers:
         if name not in CONTROLLERS:
@@ -117,7 +117,7 @@ class Request:
 
     def __init__(self, given: dict[str, str]) -> None:
         self.given, self.controllers = given, CONTROLLERS[given["controller"]]
-        self.robot, own, arm = None, {}, Arm()
+        self.robot, own, arm = None, {}, RealArm()
         if self.asks("sim"):
             self.robot = load_robot(given["robot"] or SIMULATED)
             own = {"base_frame": self.robot.base_frame, "tip_frame": self.robot.tip_frame}

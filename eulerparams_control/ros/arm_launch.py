@@ -46,7 +46,7 @@ type Parameters = dict[str, dict[str, Any]]
 
 
 @dataclasses.dataclass(frozen=True)
-class Arm:
+class RealArm:
     """A real arm behind its driver.
 
     Attributes:
@@ -79,7 +79,7 @@ def arm_launch(file: str) -> Any:
     return LaunchDescription([*declared, IncludeLaunchDescription(path)])
 
 
-def load_arm(name_or_path: str) -> Arm:
+def load_arm(name_or_path: str) -> RealArm:
     """Return the arm of ``config/robots/real/<name>.yaml``, or of a path to such a file.
 
     Raises:
@@ -100,7 +100,7 @@ def load_arm(name_or_path: str) -> Arm:
         controllers = entry.get("controllers") or []
         if not isinstance(controllers, list):
             raise ConfigurationError(f"controllers is {controllers!r}; expected a list of names")
-        return Arm(
+        return RealArm(
             path.stem,
             tuple(map(str, controllers)),
             {name: _argument(name, entry[name]) for name in ARGUMENTS if name in entry},
