@@ -3,22 +3,26 @@
 from collections.abc import Container, Iterator
 from typing import Any
 
-import yaml
 from ament_index_python.packages import get_packages_with_prefixes
 from launch import Action, LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from eulerparams_control.errors import UnknownNameError
+from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.parameters.schemes import TORQUE, schemes
 from eulerparams_control.resources import PACKAGE, config_folder
 from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.ros import arm_launch
+from eulerparams_control.ros.arm_launch import BRIDGE, RECORDER, WATCHDOG, RealArm, load_arm, merged
 
 RSP = "robot_state_publisher"
 VIEWS = config_folder() / "views"
 FRAMES = "base_frame", "tip_frame"
-BRIDGE, WATCHDOG, RECORDER = OTHERS = "pybullet_bridge", "watchdog", "bag_recorder"
+SIMULATED = "ur5"  # where no robot is named
+
+# What the watchdog has to know as its controller does, unless it is given otherwise.
+SHARED = "base_frame", "tip_frame", "joints", "compensate_gravity", "tool_mass", "tool_com"
 
 # The nodes of a controller, each with its file of config.
 CONTROLLERS = {name: {name: name} for name in schemes()} | {
@@ -39,9 +43,10 @@ FOLLOWS = {
 
 BOOLEAN = "true", "false"
 ARGUMENTS: dict[str, tuple[str, str, tuple[str, ...] | None]] = {
-    "robot": ("ur5", "simulated robot: a name of config/robots, or a path of such a file", None),
+    "robot": ("", "simulated: of config/robots, ur5; real: of config/robots/real; or a path", None),
     "controller": ("clik", "what controls it", tuple(CONTROLLERS)),
     "sim": ("true", "false: the driver of a real robot runs", BOOLEAN),
+    "use_sim_time": ("false", "time is that of /clock, for all nodes", BOOLEAN),
     "live": ("false", "serve the page on which a person moves the arm", BOOLEAN),
     "rviz": ("false", "show the arm in rviz2, if that is installed", BOOLEAN),
     "foxglove": ("false", "start foxglove_bridge, if that is installed", BOOLEAN),
@@ -49,13 +54,17 @@ ARGUMENTS: dict[str, tuple[str, str, tuple[str, ...] | None]] = {
     "record": ("false", "record all topics as a bag in this folder", BOOLEAN),
     "base_frame": ("", "that poses refer to; empty: that of the robot, or base_link", None),
     "tip_frame": ("", "that is controlled; empty: that of the robot, or tool0", None),
-    "namespace": ("", "of all nodes, for one of several arms", None),
-    "position_controller": ("", "ros2_control's that takes positions; empty: JointState", None),
-    "effort_controller": ("", "ros2_control's that takes efforts, behind the watchdog", None),
-    "watchdog": ("false", "before driver_effort; with effort_controller always", BOOLEAN),
+    "namespace": ("", "of all nodes, for one of several arms; empty: that of the robot", None),
+    "position_controller": (
+        "", "ros2_control's that takes positions; empty: that of the robot, or JointState", None),
+    "effort_controller": (
+        "", "ros2_control's that takes efforts; empty: that of the robot, or JointState", None),
+    "watchdog": (
+        "", "before driver_effort; with effort_controller always; empty: as the robot says",
+        ("", *BOOLEAN)),
     "topics": ("{}", "other names of topics, YAML: {wrench: /sensor/wrench}", None),
     "parameters": ("{}", "of nodes, YAML: {clik: {k_Pp: 50.0}, watchdog: {timeout: 0.1}}", None),
-    "params_file": ("", "YAML file for the controller, the last that counts", None),
+    "params_file": ("", "YAML file of parameters, the last that counts", None),
 }  # fmt: skip
 
 
@@ -66,6 +75,21 @@ def taken(controller: str, other: str) -> tuple[str, str]:
     if "trajectory" in controller:
         return "joint_trajectory", f"{controller}/joint_trajectory"
     return "forward", f"{controller}/commands"
+
+
+def command_topics(given: dict[str, str]) -> dict[str, str]:
+    """Return the topics of the commands, by what our nodes call them."""
+    controllers = {"joint_reference": "position_controller", "driver_effort": "effort_controller"}
+    return {name: taken(given[kind], name)[1] for name, kind in controllers.items()}
+
+
+def refuse_unsuitable(arm: RealArm, controller: str) -> None:
+    """Raise UnknownNameError for a controller that an arm does not take, or nobody knows."""
+    for name in arm.controllers:
+        if name not in CONTROLLERS:
+            raise UnknownNameError(f"controller of '{arm.name}':", name, CONTROLLERS)
+    if arm.controllers and controller not in arm.controllers:
+        raise UnknownNameError(f"controller of '{arm.name}':", controller, arm.controllers)
 
 
 def shown(package: str, installed: Container[str], **given: Any) -> Action:
@@ -82,7 +106,7 @@ class Request:
     Attributes:
         given: the arguments, by name.
         controllers: nodes of the controller, each with its file of config.
-        parameters: of nodes, by name.
+        parameters: of nodes, by name: of the arm, then as given, then of params_file.
         robot: the simulated one; None for a real one.
         frames: those of base_frame and tip_frame that are known.
         takes_efforts: whether the arm takes efforts.
@@ -93,24 +117,35 @@ class Request:
 
     def __init__(self, given: dict[str, str]) -> None:
         self.given, self.controllers = given, CONTROLLERS[given["controller"]]
-        self.parameters: dict[str, dict[str, Any]] = yaml.safe_load(given["parameters"])
-        known = {*OTHERS, "clik", *EFFORTS}
-        for name in self.parameters.keys() - known:
-            raise UnknownNameError("node", name, known)
-        self.robot, own = None, {}
+        self.robot, own, arm = None, {}, RealArm()
         if self.asks("sim"):
-            self.robot = load_robot(given["robot"])
+            self.robot = load_robot(given["robot"] or SIMULATED)
             own = {"base_frame": self.robot.base_frame, "tip_frame": self.robot.tip_frame}
             # it takes JointState, and is no controller of ros2_control
             given["position_controller"] = given["effort_controller"] = ""
+        elif given["robot"]:
+            arm = load_arm(given["robot"])
+            refuse_unsuitable(arm, given["controller"])
+        asked = {name: topic for name, topic in command_topics(given).items() if name != topic}
+        for name in arm_launch.ARGUMENTS:
+            given[name] = given[name] or arm.arguments.get(name, "")
         self.frames = own | {name: given[name] for name in FRAMES if given[name]}
         self.takes_efforts = given["controller"] in EFFORTS
         is_behind = bool(given["effort_controller"]) or self.asks("watchdog")
         self.is_guarded = self.takes_efforts and is_behind
-        self.position_type, reference = taken(given["position_controller"], "joint_reference")
-        self.effort_type, effort = taken(given["effort_controller"], "driver_effort")
-        self.topics = {"joint_reference": reference, "driver_effort": effort}
-        self.topics |= yaml.safe_load(given["topics"])
+        self.position_type, _ = taken(given["position_controller"], "joint_reference")
+        self.effort_type, _ = taken(given["effort_controller"], "driver_effort")
+        topics = self._mapping("topics", "{wrench: /sensor/wrench}")
+        self.topics = command_topics(given) | {**arm.topics} | asked | arm_launch.topics_of(topics)
+        parameters = self._mapping("parameters", "{watchdog: {timeout: 0.1}}")
+        layers = [arm.parameters, arm_launch.parameters_of(parameters)]
+        if file := given["params_file"]:
+            namespace = given["namespace"]
+            layers.append(arm_launch.parameters_of_file(file, namespace, self.controllers))
+        self.parameters = merged(*layers)
+
+    def _mapping(self, name: str, example: str) -> dict[str, Any]:
+        return arm_launch.read_argument(name, self.given[name], example)
 
     def asks(self, name: str) -> bool:
         """Whether an argument is "true"."""
@@ -125,15 +160,35 @@ class Request:
         """Return a node of this package with parameters and topics of its own."""
         values = {**(own or {}), **self.parameters.get(name, {})}
         file = config_folder() / f"{self.controllers.get(name, name)}.yaml"
-        last = self.given["params_file"] if name in self.controllers else ""
         return Node(
             package=PACKAGE,
             executable=name,
             namespace=self.given["namespace"],
-            parameters=[*filter(None, [str(file), values, last])],
+            parameters=[str(file), *self.clock, *arm_launch.launch_parameters(values)],
             remappings=(self.topics | (renamed or {})).items(),
             output="screen",
         )
+
+    @property
+    def clock(self) -> list[dict[str, bool]]:
+        """The parameters of a node whose time is that of /clock."""
+        return [{"use_sim_time": True}] if self.asks("use_sim_time") else []
+
+    def shared(self) -> dict[str, Any]:
+        """Return what the watchdog has to know as its controller does.
+
+        Raises:
+            ConfigurationError: if gravity would be commanded twice, or not at all, once it acts.
+        """
+        (controller,), name = self.controllers, "compensate_gravity"
+        theirs, own = (self.parameters.get(node, {}) for node in (controller, WATCHDOG))
+        adds = theirs.get(name, True)
+        if own.get(name, adds) is not adds:
+            raise ConfigurationError(
+                f"{name} is {str(adds).lower()} for {controller}, and {str(not adds).lower()} for "
+                f"{WATCHDOG}: the arm would fall or rise when that acts; give both the same"
+            )
+        return {key: theirs[key] for key in SHARED if key in theirs}
 
 
 def robot(request: Request) -> Iterator[Action]:
@@ -141,7 +196,7 @@ def robot(request: Request) -> Iterator[Action]:
     if request.robot is None:
         return
     own: dict[str, Any] = {
-        "robot": request.given["robot"],
+        "robot": request.given["robot"] or SIMULATED,
         "control": "torque" if request.takes_efforts else "position",
     }
     if request.asks("live"):
@@ -154,7 +209,7 @@ def robot(request: Request) -> Iterator[Action]:
             package=RSP,
             executable=RSP,
             namespace=request.given["namespace"],
-            parameters=[{"robot_description": request.robot.urdf}],
+            parameters=[*request.clock, {"robot_description": request.robot.urdf}],
             remappings=hidden.items(),
         )
 
@@ -162,7 +217,8 @@ def robot(request: Request) -> Iterator[Action]:
 def law(request: Request) -> Iterator[Action]:
     """Yield the nodes of the controller, behind the watchdog if they need one."""
     if request.is_guarded:
-        yield request.node(WATCHDOG, {**request.frames, "command_type": request.effort_type})
+        own = request.frames | request.shared()
+        yield request.node(WATCHDOG, own | {"command_type": request.effort_type})
     admits = "joint_state" if request.takes_efforts else "none"
     types = {"clik": request.position_type, "impedance_control": admits}
     for name, file in request.controllers.items():
@@ -180,6 +236,7 @@ def views(request: Request) -> Iterator[Action]:
             executable="live",
             namespace=namespace,
             arguments=["--attach", "--controller", leading],
+            parameters=request.clock,
             remappings=topics,
             output="screen",
         )
@@ -190,11 +247,11 @@ def views(request: Request) -> Iterator[Action]:
         base = request.frames.get("base_frame")
         fixed = ["-f", base] if base else []
         arguments = ["-d", str(VIEWS / "arm.rviz"), *fixed]
-        given = {"namespace": namespace, "remappings": topics}
+        given = {"namespace": namespace, "remappings": topics, "parameters": request.clock}
         yield shown("rviz2", installed, arguments=arguments, **given)
     if request.asks("foxglove"):
         address = request.given["foxglove_address"]
-        yield shown("foxglove_bridge", installed, parameters=[{"address": address}])
+        yield shown("foxglove_bridge", installed, parameters=[*request.clock, {"address": address}])
         if "foxglove_bridge" in installed:
             layout = VIEWS / "foxglove.json"
             text = f"Foxglove: open ws://{address}:8765 and import the layout {layout}"

@@ -28,6 +28,7 @@ from eulerparams_control.lab.run.processes import Nodes
 from eulerparams_control.parameters.fields import fields_of, from_mapping
 from eulerparams_control.resources import config_names
 from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.ros.arm_launch import load_arm
 from sim_bridge.bridge_parameters import BridgeParameters
 from sim_bridge.drive_modes import DriveCause
 from sim_bridge.environment import nest, read_environment
@@ -37,7 +38,7 @@ PAGES = {path.name: path.read_text() for path in (ROOT / "README.md", *ROOT.glob
 SITE = runpy.run_path(str(ROOT / "tools" / "site.py"))
 PARAMETERS: dict[str, Any] = SITE["PARAMETERS"]
 BLOCK = re.compile(r"(?m)^```(\w+)\n((?s:.*?))^```$")
-MADE_HERE = {"tool.yaml", "my_arm.yaml", "my_arm"}  # by what a page shows before
+MADE_HERE = {"tool.yaml", "my_arm.yaml", "my_arm", "my_driver"}  # by what a page shows before
 BLOCKS = [found for words in PAGES.values() for found in BLOCK.findall(words)]
 BAG = "out/demo"  # blocks that read it need a run
 
@@ -150,6 +151,9 @@ def test_a_block_of_yaml_is_read_by_what_it_is_for(text, tmp_path):
     if "urdf" in content:
         (tmp_path / "my_arm.yaml").write_text(text)
         load_robot(str(tmp_path / "my_arm.yaml"))
+    elif "controllers" in content:
+        (tmp_path / "my_driver.yaml").write_text(text)
+        load_arm(str(tmp_path / "my_driver.yaml"))
     elif "faults" in content:
         assert len(read_faults("page", content | {"duration": 5.0})) == len(content["faults"])
     elif "ros__parameters" in content["/**"]:

@@ -1,5 +1,6 @@
 """The launch files: what they start, with which parameters, files and topics."""
 
+import re
 import runpy
 import signal
 import sys
@@ -12,15 +13,19 @@ from typing import Any
 import pytest
 import yaml
 from in_process import World
+from rcl_interfaces.srv import GetParameters
+from rclpy.parameter import parameter_value_to_python
 from ros_processes import FRAMES, HOME, UR5, Arm, Process, environment
 from sensor_msgs.msg import JointState
 
 from eulerparams_control.bags.ros.recorder_node import RecorderParameters
 from eulerparams_control.command_line import executables
-from eulerparams_control.errors import UnknownNameError
+from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.parameters.fields import from_mapping
 from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.parameters.watchdog import WatchdogParameters
+from eulerparams_control.resources import config_names
+from eulerparams_control.ros.arm_launch import load_arm
 from eulerparams_control.ros.interactive_target import FEEDBACK, UPDATE
 from sim_bridge.bridge_parameters import BridgeParameters
 
@@ -32,6 +37,11 @@ TAKES = {
     **dict.fromkeys(("bringup", "ur", "any"), (*POSITIONS, *EFFORTS, "push_test")),
     "franka": (*EFFORTS, "push_test"),
     **dict.fromkeys(("iiwa", "gen3"), (*POSITIONS, "push_test")),
+}
+TAKES_IN_YAML = {
+    **dict.fromkeys(("ur", "any"), ("clik", "admittance", *EFFORTS, "push_test")),
+    "franka": (*EFFORTS, "push_test"),
+    **dict.fromkeys(("iiwa", "gen3"), ("clik", "admittance", "push_test")),
 }
 CASES = [(file, controller) for file, controllers in TAKES.items() for controller in controllers]
 PARAMETERS = {name: scheme.parameters for name, scheme in schemes().items()} | {
@@ -80,14 +90,19 @@ def launched(monkeypatch):
     return lambda file, **given: nodes(str(ROOT / "launch" / f"{file}.launch.py"), given)
 
 
-def values(node: SimpleNamespace) -> dict[str, Any]:
-    """Return all parameters of a node, checked as it would itself."""
+def passed(node: SimpleNamespace) -> dict[str, Any]:
+    """Return all parameters that a node is started with."""
     found: dict[str, Any] = {}
     for given in node.parameters:
         if isinstance(given, str):
             given = yaml.safe_load(Path(given).read_text())["/**"]["ros__parameters"]
         found |= given
-    return vars(from_mapping(PARAMETERS[node.executable], found))
+    return found
+
+
+def values(node: SimpleNamespace) -> dict[str, Any]:
+    """Return all parameters of a node, checked as it would itself."""
+    return vars(from_mapping(PARAMETERS[node.executable], passed(node)))
 
 
 def by_name(nodes: Sequence[SimpleNamespace]) -> dict[str, SimpleNamespace]:
@@ -200,6 +215,248 @@ def test_a_simulated_robot_brings_its_frames_and_what_is_given_counts_last(launc
         launched("bringup", parameters="{watchdogs: {}}")
 
 
+SENSOR = "/franka_robot_state_broadcaster/external_wrench_in_stiffness_frame"
+RELIABILITY = f"qos_overrides.{SENSOR}.subscription.reliability"
+
+
+@pytest.mark.parametrize(
+    ("text", "changed"),
+    [
+        ("{watchdog: {timeout: 0.1}}", {"watchdog": {"timeout": 0.1}}),
+        ("  {impedance_control: {K_p: [500, 5e2, 50]} } ",
+         {"impedance_control": {"K_p": [500.0, 500.0, 50.0]}}),
+        ("{impedance_control: {max_effort_rate: [500.0], posture: []}}",
+         {"impedance_control": {"max_effort_rate": [500.0], "posture": []}}),
+        ("impedance_control: {max_approach_speed: 1e-2}",
+         {"impedance_control": {"max_approach_speed": 0.01}}),
+        (f"{{impedance_control: {{{RELIABILITY}: reliable}}}}",
+         {"impedance_control": {RELIABILITY: "reliable"}}),
+        (f"{{impedance_control: {{qos_overrides: {{{SENSOR}: {{subscription: {{depth: 5}}}}}}}}}}",
+         {"impedance_control": {f"qos_overrides.{SENSOR}.subscription.depth": 5}}),
+        ("{watchdog: {}, impedance_control: }", {}),
+        ("{}", {}),
+        ("", {}),
+    ],
+)  # fmt: skip
+def test_parameters_are_merged_key_by_key_into_those_of_the_arm(launched, text, changed):
+    given = {"controller": "impedance_control"}
+    before = by_name(launched("franka", **given))
+    after = by_name(launched("franka", parameters=text, **given))
+    assert after.keys() == before.keys()
+    for name, node in after.items():
+        assert passed(node) == passed(before[name]) | changed.get(name, {})
+        assert values(node)["compensate_gravity"] is False
+    assert values(after["impedance_control"])["wrench_sign"] == -1
+
+
+def test_names_with_dots_and_nested_ones_are_the_same(launched):
+    texts = (
+        "{pybullet_bridge: {environment: {wall: {shape: plane, friction: 0.2}}}}",
+        "{pybullet_bridge: {environment.wall: {shape: plane}, environment.wall.friction: 0.2}}",
+    )
+    first, second = (passed(launched("bringup", parameters=text)[0]) for text in texts)
+    assert first == second
+    assert first["environment.wall.shape"] == "plane"
+
+
+@pytest.mark.parametrize("empty", ["{}", "", " "])
+def test_topics_are_merged_key_by_key_into_those_of_the_arm(launched, empty):
+    given = {"controller": "impedance_control"}
+    before = dict(launched("franka", **given)[0].remappings)
+    assert before["joint_states"] == "/franka/joint_states"
+    assert dict(launched("franka", topics=empty, **given)[0].remappings) == before
+    nodes = launched("franka", topics="{wrench: /sensor/wrench}", **given)
+    assert {node.executable for node in nodes} == {"watchdog", "impedance_control"}
+    for node in nodes:
+        assert dict(node.remappings) == before | {"wrench": "/sensor/wrench"}
+
+
+def test_a_controller_of_ros2_control_that_is_named_has_its_own_topic(launched):
+    (clik,) = launched("any", controller="clik", position_controller="forward_position_controller")
+    topics = dict(clik.remappings)
+    assert topics["joint_reference"] == "forward_position_controller/commands"
+    assert topics["joint_states"] == "/robot_joint_states"
+    (clik,) = launched("any", controller="clik", topics="{joint_reference: /mine}")
+    assert dict(clik.remappings)["joint_reference"] == "/mine"
+
+
+@pytest.mark.parametrize(
+    ("argument", "text", "words"),
+    [
+        ("parameters", "{watchdogs: {}}", "unknown node 'watchdogs' (did you mean 'watchdog'?)"),
+        ("parameters", "{watchdog: {timeot: 0.1}}", "'timeot' (did you mean 'timeout'?); known: "),
+        ("parameters", "{watchdog: {timeout:0.1}}", "'timeout:0.1' (did you mean 'timeout'?)"),
+        ("parameters", "{watchdog: {timeout: fast}}", "'timeout' is 'fast', a str; expected a flo"),
+        ("parameters", "{watchdog: {timeout: [0.1]}}", "'timeout' is [0.1], a list; expected a fl"),
+        ("parameters", "{watchdog: {timeout: 99}}", "'timeout' is 99 s; expected between 0.002 "),
+        ("parameters", "{watchdog: {compensate_gravity: 0}}", "is 0, a int; expected a bool"),
+        ("parameters", "{watchdog: 0.1}", "parameters of 'watchdog': 0.1; expected a mapping"),
+        ("parameters", "{impedance_control: {K_p: 500.0}}", "'K_p' is 500.0; expected a list"),
+        ("parameters", "{impedance_control: {K_p: {x: 1.0}}}", "unknown parameter 'K_p.x'"),
+        ("parameters", "watchdog", "parameters is 'watchdog'; expected a mapping in YAML"),
+        ("parameters", "[1]", "parameters is '[1]'; expected a mapping in YAML, parameters:='{"),
+        ("parameters", "{watchdog: {timeout: 0.1}", "expected a mapping in YAML"),
+        ("parameters", "{watchdog: {compensate_gravity: true}}",
+         "compensate_gravity is false for impedance_control, and true for watchdog"),
+        ("parameters", "{impedance_control: {compensate_gravity: true}}",
+         "compensate_gravity is true for impedance_control, and false for watchdog"),
+        ("topics", "{wrensh: /w}", "unknown topic 'wrensh' (did you mean 'wrench'?); known: "),
+        ("topics", "{wrench: }", "topic 'wrench' is None; expected the name of a topic"),
+        ("topics", "wrench", "topics is 'wrench'; expected a mapping in YAML, topics:='{"),
+    ],
+)  # fmt: skip
+def test_what_is_given_and_impossible_is_refused_with_what_was_expected(
+    launched, argument, text, words
+):
+    with pytest.raises(ConfigurationError, match=re.escape(words)) as refusal:
+        launched("franka", controller="impedance_control", **{argument: text})
+    assert "\n" not in str(refusal.value)
+
+
+def section(**values: Any) -> dict[str, Any]:
+    return {"ros__parameters": values}
+
+
+def test_a_file_of_parameters_is_merged_into_those_of_the_arm_for_the_nodes_that_it_names(
+    launched, tmp_path
+):
+    given = {"controller": "impedance_control", "parameters": "{watchdog: {timeout: 0.2}}"}
+    before = by_name(launched("ur", **given))
+    own = {
+        "/**": section(k_Vp=30.0),
+        "watchdog": section(damping=10.0),
+        "/left/impedance_control": section(k_Vo=31.0),
+        "/right/impedance_control": section(k_Vo=32.0),
+        "/**/impedance_control": section(wrench_bias=[0.0] * 6),
+        "/*/watchdog": section(state_timeout=0.2),
+        "/right/*": section(k_Pp=1.0),
+        "gripper_controller": section(x=1),
+    }
+    (file := tmp_path / "own.yaml").write_text(yaml.safe_dump(own))
+    nodes = by_name(launched("ur", params_file=str(file), namespace="left", **given))
+    watchdog, control = nodes["watchdog"], nodes["impedance_control"]
+    added = {"damping": 10.0, "state_timeout": 0.2}
+    assert passed(watchdog) == passed(before["watchdog"]) | added
+    added = {"k_Vp": 30.0, "k_Vo": 31.0, "wrench_bias": [0.0] * 6}
+    assert passed(control) == passed(before["impedance_control"]) | added
+
+
+def test_a_file_of_identify_tool_is_one_of_parameters_and_the_watchdog_knows_the_tool(
+    launched, tmp_path
+):
+    found = {
+        "/**": section(tool_mass=1.5, tool_com=[0.0, 0.0, 0.1]),
+        "/**/impedance_control": section(wrench_sign=-1, wrench_bias=[0.0] * 6),
+    }
+    (file := tmp_path / "tool.yaml").write_text(yaml.safe_dump(found))
+    nodes = by_name(launched("any", controller="impedance_control", params_file=str(file)))
+    assert values(nodes["impedance_control"])["wrench_sign"] == -1
+    for node in nodes.values():
+        assert values(node)["tool_mass"] == 1.5
+        assert values(node)["tool_com"] == (0.0, 0.0, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ({"watchdg": section()}, "unknown node 'watchdg' (did you mean 'watchdog'?)"),
+        ({"/**": section(k_pp=1.0)}, "'k_pp' (did you mean 'k_Pp'?)"),
+        ({"watchdog": section(timeout="x")}, "'timeout' is 'x', a str; expected a float"),
+        ({"gripper": section()}, "is for /gripper; expected one of "),
+        ([1], "holds [1]; expected a mapping"),
+        (None, "is for no node; expected one of "),
+    ],
+)
+def test_a_file_of_parameters_that_is_impossible_is_refused_by_its_name(
+    launched, tmp_path, content, words
+):
+    (file := tmp_path / "own.yaml").write_text(yaml.safe_dump(content))
+    for path, expected in ((file, words), (tmp_path / "none.yaml", "No such file")):
+        with pytest.raises(ConfigurationError, match=re.escape(expected)) as refusal:
+            launched("ur", controller="impedance_control", params_file=str(path))
+        assert str(path) in str(refusal.value)
+
+
+def test_the_watchdog_knows_the_arm_as_its_controller_does(launched):
+    told = "{compensate_gravity: false, tool_mass: 2.0, tool_com: [0, 0, 0.1], joints: [a, b]}"
+    text = f"{{dynamic_control: {told}, watchdog: {{tool_mass: 2.5}}}}"
+    watchdog = by_name(launched("any", controller="dynamic_control", parameters=text))["watchdog"]
+    assert values(watchdog)["compensate_gravity"] is False
+    assert values(watchdog)["tool_com"] == (0.0, 0.0, 0.1)
+    assert values(watchdog)["joints"] == ("a", "b")
+    assert values(watchdog)["tool_mass"] == 2.5
+
+
+@pytest.mark.parametrize("file", TAKES)
+def test_the_time_of_all_nodes_is_that_of_the_clock_if_asked(launched, file, tmp_path, monkeypatch):
+    (index := tmp_path / "share/ament_index/resource_index/packages").mkdir(parents=True)
+    for package in ("rviz2", "foxglove_bridge", "robot_state_publisher"):
+        (index / package).touch()
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path}:{sys.prefix}")
+    shown = dict.fromkeys(("live", "record", "rviz", "foxglove"), "true")
+    controller, count = TAKES[file][-2], 0
+    for asked in ("true", "false"):
+        for node in launched(file, controller=controller, use_sim_time=asked, **shown):
+            if node.kind == "Node":
+                assert passed(node).get("use_sim_time", False) is (asked == "true")
+                count += 1
+    assert count >= 10
+    text = f"{{{controller}: {{use_sim_time: false}}}}"
+    if controller != "admittance":
+        nodes = by_name(launched(file, use_sim_time="true", controller=controller, parameters=text))
+        assert passed(nodes[controller])["use_sim_time"] is False
+
+
+def test_each_real_arm_has_its_launch_file_its_yaml_and_its_page():
+    names = config_names("robots/real")
+    assert names == sorted(TAKES.keys() - {"bringup"})
+    page = (ROOT / "docs" / "robots.md").read_text()
+    for name in names:
+        assert load_arm(name).controllers == TAKES_IN_YAML[name]
+        assert f"`{name}.launch.py`" in page
+
+
+def test_a_real_arm_is_added_by_one_file(launched, tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text(
+        "{controllers: [dynamic_control], base_frame: root, tip_frame: flange, namespace: left,"
+        " effort_controller: forward_effort_controller, topics: {joint_states: /states},"
+        " parameters: {dynamic_control: {compensate_gravity: false, k_Pp: 400}}}"
+    )
+    given = {"sim": "false", "robot": str(file)}
+    text = "{dynamic_control: {k_Vp: 30.0}}"
+    nodes = by_name(launched("bringup", controller="dynamic_control", parameters=text, **given))
+    assert nodes.keys() == {"watchdog", "dynamic_control"}
+    found = values(nodes["dynamic_control"])
+    assert (found["base_frame"], found["tip_frame"]) == ("root", "flange")
+    assert (found["k_Pp"], found["k_Vp"], found["compensate_gravity"]) == (400.0, 30.0, False)
+    assert values(nodes["watchdog"])["compensate_gravity"] is False
+    assert {node.namespace for node in nodes.values()} == {"left"}
+    topics = dict(nodes["watchdog"].remappings)
+    assert topics["joint_states"] == "/states"
+    assert topics["driver_effort"] == "forward_effort_controller/commands"
+    with pytest.raises(UnknownNameError, match="controller of 'mine': 'clik'; known: dynamic_con"):
+        launched("bringup", **given)
+    for content, words in (
+        ("{tipframe: x}", "unknown key 'tipframe' (did you mean 'tip_frame'?)"),
+        ("{parameters: {clik: {k_pp: 1.0}}}", "did you mean 'k_Pp'?"),
+        ("{topics: {wrensh: /x}}", "did you mean 'wrench'?"),
+        ("{controllers: clik}", "controllers is 'clik'; expected a list of names"),
+        ("{namespace: }", "namespace is None; expected a name"),
+        ("{watchdog: 1}", "watchdog is 1; expected true or false"),
+        ("x", "holds 'x'; expected a mapping"),
+    ):
+        file.write_text(content)
+        with pytest.raises(ConfigurationError, match=re.escape(words)) as refusal:
+            launched("bringup", **given)
+        assert str(file) in str(refusal.value)
+    file.write_text("{controllers: [clk]}")
+    with pytest.raises(UnknownNameError, match=r"controller of 'mine': 'clk' .did you mean 'clik'"):
+        launched("bringup", **given)
+    with pytest.raises(UnknownNameError, match="did you mean 'franka'"):
+        launched("bringup", sim="false", robot="frnka")
+
+
 @pytest.mark.parametrize("given", ["rviz", "foxglove"])
 def test_what_shows_an_arm_is_started_where_it_is_installed(launched, tmp_path, monkeypatch, given):
     package = {"rviz": "rviz2", "foxglove": "foxglove_bridge"}[given]
@@ -223,30 +480,63 @@ def test_what_shows_an_arm_is_started_where_it_is_installed(launched, tmp_path, 
         assert base == "base_link"
 
 
-@pytest.mark.slow
-def test_bringup_moves_the_simulated_robot_and_ctrl_c_ends_all(graph, tmp_path):
+def start(graph: Any, tmp_path: Path, file: str, names: Sequence[str], **given: str) -> Process:
+    """Start a launch file by the real ``launch``."""
     pytest.importorskip("launch_ros.actions")
-    names = "pybullet_bridge", "clik", "bag_recorder"
     (index := tmp_path / "share/ament_index/resource_index/packages").mkdir(parents=True)
     (index / "eulerparams_control").touch()
     (folder := tmp_path / "lib/eulerparams_control").mkdir(parents=True)
     for name in names:
         (folder / name).symlink_to(Path(sys.executable).with_name(name))
-    given = [("record", "true"), ("parameters", f"{{bag_recorder: {{output: {tmp_path}/bag}}}}")]
+    path, arguments = f"{ROOT}/launch/{file}.launch.py", list(given.items())
     code = f"""
 from launch import LaunchDescription, LaunchService, actions
-file = actions.IncludeLaunchDescription("{ROOT}/launch/bringup.launch.py", launch_arguments={given})
+file = actions.IncludeLaunchDescription({path!r}, launch_arguments={arguments!r})
 (service := LaunchService()).include_launch_description(LaunchDescription([file]))
 raise SystemExit(service.run())
 """
     env = environment(tmp_path, graph.domain) | {"AMENT_PREFIX_PATH": f"{tmp_path}:{sys.prefix}"}
-    commands = graph.peer.listen(JointState, "joint_reference")
     process = Process([sys.executable, "-c", code], tmp_path / "launch", "launch", env)
     graph.processes.append(process)
+    return process
+
+
+def asked(graph: Any, node: str, *names: str) -> list[Any]:
+    """Return parameters of a node that runs."""
+    client = graph.peer.node.create_client(GetParameters, f"{node}/get_parameters")
+    graph.until(client.service_is_ready, f"the parameters of {node}")
+    answer = client.call_async(GetParameters.Request(names=list(names)))
+    graph.until(answer.done, f"the parameters of {node}")
+    return [parameter_value_to_python(value) for value in answer.result().values]
+
+
+@pytest.mark.slow
+def test_bringup_moves_the_simulated_robot_and_ctrl_c_ends_all(graph, tmp_path):
+    names = "pybullet_bridge", "clik", "bag_recorder"
+    output = f"{{bag_recorder: {{output: {tmp_path}/bag}}}}"
+    commands = graph.peer.listen(JointState, "joint_reference")
+    given = {"record": "true", "use_sim_time": "true", "parameters": output}
+    process = start(graph, tmp_path, "bringup", names, **given)
     graph.until(lambda: commands or process.exit_code is not None, "a command")
     assert commands, process.log
     assert commands[-1].position.tolist() == pytest.approx(HOME.tolist(), abs=1e-6)
+    for name in names:
+        assert asked(graph, name, "use_sim_time") == [True]
     process.signal(signal.SIGINT)
     assert process.end() == 0
     assert process.log.count("process has finished cleanly") == len(names)
     assert (tmp_path / "bag" / "metadata.yaml").is_file()
+
+
+@pytest.mark.slow
+def test_the_nodes_of_a_real_arm_have_its_parameters_and_those_that_are_given(graph, tmp_path):
+    text = "{watchdog: {timeout: 0.1}, impedance_control: {posture: [], k_Pp: 1e3}}"
+    given = {"controller": "impedance_control", "parameters": text}
+    process = start(graph, tmp_path, "franka", ("watchdog", "impedance_control"), **given)
+    for node, expected in {
+        "watchdog": {"timeout": 0.1, "compensate_gravity": False, "tip_frame": "fr3_hand_tcp"},
+        "impedance_control": {"k_Pp": 1e3, "compensate_gravity": False, "wrench_sign": -1},
+    }.items():
+        assert asked(graph, node, *expected) == list(expected.values())
+    process.signal(signal.SIGINT)
+    assert process.end() == 0

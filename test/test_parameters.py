@@ -28,12 +28,15 @@ from samples import examples
 from eulerparams_control.bags.ros.recorder_node import RecorderParameters
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.experiments.definition import load_experiment
+from eulerparams_control.lab.faults.fault_injector_node import InjectorParameters
 from eulerparams_control.lab.maps.definition import load_map
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.motion.way_points import FORMATS, parse_way_points
 from eulerparams_control.parameters.fields import fields_of, from_mapping, parameter
 from eulerparams_control.parameters.reference import ReferenceParameters
 from eulerparams_control.parameters.schemes import schemes
+from eulerparams_control.parameters.teleop import TeleopParameters
+from eulerparams_control.parameters.watchdog import WatchdogParameters
 from eulerparams_control.resources import config_folder, config_names
 from eulerparams_control.ros.parameter_files import refuse_misspelt_sections
 from eulerparams_control.ros.parameters import declare, refuse_words
@@ -108,6 +111,23 @@ def test_without_overrides_the_defaults_hold_are_described_and_cannot_be_changed
     assert (law.description, law.additional_constraints) == ("which law", "one of fast, slow")
     assert change(own, k=1.0) == ["'k' cannot be changed while running"]
     assert own.get_parameter("k").value == 10.0
+
+
+def test_a_number_has_its_range_and_what_cannot_be_changed_is_read_only(node):
+    own = node(k=20, weights=[1, 2], names=[])  # ints for floats, and rclpy's guess of bytes
+    declare(own, Gains, lambda old, new: None)
+    k, steps, mass = (own.describe_parameter(name) for name in ("k", "steps", "mass"))
+    (range_k,), (range_steps,) = k.floating_point_range, steps.integer_range
+    assert (range_k.from_value, range_k.to_value, range_k.step) == (0.0, 100.0, 0.0)
+    assert (range_steps.from_value, range_steps.to_value, range_steps.step) == (1, 9, 1)
+    assert not mass.floating_point_range
+    fixed = {name for name in fields_of(Gains) if own.describe_parameter(name).read_only}
+    assert fixed == {"names", "frame"}
+    assert own.get_parameter("k").type_ is Parameter.Type.DOUBLE
+    assert own.get_parameter("weights").type_ is Parameter.Type.DOUBLE_ARRAY
+    assert own.get_parameter("names").type_ is Parameter.Type.STRING_ARRAY
+    assert change(own, k=30) == []
+    assert own.get_parameter("k").type_ is Parameter.Type.DOUBLE
 
 
 @pytest.mark.parametrize(
@@ -185,6 +205,10 @@ def test_a_change_is_given_with_what_was_before_and_then_holds(node):
         ({"weights": [1.0, math.inf]}, "parameter 'weights' is inf; expected a finite number"),
         ({"frame": "tool1"}, "'frame' cannot be changed while running"),
         ({"k": 50.0, "steps": 100}, "parameter 'steps' is 100; expected between 1 and 9"),
+        ({"k": 100.5}, "parameter 'k' is 100.5 1/s; expected between 0 and 100"),
+        ({"k": -1}, "parameter 'k' is -1 1/s; expected between 0 and 100"),
+        ({"k": math.nan}, "parameter 'k' is nan; expected a finite number 1/s"),
+        ({"k": 1.0, "names": ["a"]}, "'names' cannot be changed while running"),
     ],
 )
 def test_a_change_that_is_not_possible_is_refused_and_changes_nothing(node, values, words):
@@ -217,6 +241,17 @@ def test_what_the_node_refuses_or_does_not_know_is_refused_with_its_reason(node)
     assert str(refusal.value).startswith("unknown parameter 'laww' (did you mean 'law'?); known: ")
 
 
+def test_a_list_that_is_deleted_is_empty_and_a_number_is_not_deleted(node):
+    own = node()
+    seen: list[Gains] = []
+    declare(own, Gains, lambda _, new: seen.append(new))
+    assert change(own, weights=None) == []
+    assert seen == [Gains(weights=())]
+    assert own.get_parameter("weights").type_ is Parameter.Type.DOUBLE_ARRAY
+    assert change(own, k=None) == ["parameter 'k' is None, a NoneType; expected a float"]
+    assert own.get_parameter("k").value == 10.0
+
+
 # --- any value -------------------------------------------------------------------------------
 RCLError = rclpy_implementation.RCLError
 
@@ -227,7 +262,34 @@ KINDS = {
     "bag_recorder": RecorderParameters,
     "identify_tool": IdentifyToolParameters,
 }
+OTHERS = {
+    "teleop": TeleopParameters,
+    "watchdog": WatchdogParameters,
+    "fault_injector": InjectorParameters,
+}
 forty = examples(40)
+
+
+@pytest.mark.parametrize("executable", KINDS | OTHERS)
+def test_each_parameter_of_a_node_shows_its_bounds_as_a_range_and_whether_it_can_change(
+    node, executable
+):
+    kind, own = (KINDS | OTHERS)[executable], node()
+    declare(own, kind, lambda old, new: None)
+    for name, field in fields_of(kind).items():
+        shown, bounds = own.describe_parameter(name), field.metadata["bounds"]
+        assert shown.read_only is not field.metadata["live"], name
+        ranges = [*shown.floating_point_range, *shown.integer_range]
+        if bounds is None or field.type not in (int, float):
+            assert not ranges, name
+            continue
+        (found,) = ranges
+        assert (found.from_value, found.to_value) == bounds
+        assert all(map(math.isfinite, bounds)), name  # a slider has two ends
+        assert field.type is float or max(map(abs, bounds)) < 2**31, name  # of 32 bits
+        assert bounds[0] <= own.get_parameter(name).value <= bounds[1]
+        assert (shown.type == Parameter.Type.INTEGER.value) is (field.type is int)
+
 
 WORDS = st.text(st.characters(codec="utf-8", exclude_categories=("Cc", "Cs")), max_size=8)
 NUMBERS = st.floats() | st.sampled_from([1e308, -1e308, 5e-324, math.nan, math.inf, 1e400])

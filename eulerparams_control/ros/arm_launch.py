@@ -1,23 +1,305 @@
-"""Shared by the launch files of real arms."""
+"""Real arms of the launch files, and the parameters that are given to nodes, merged key by key.
 
-from collections.abc import Mapping, Sequence
+``config/robots/real/NAME.yaml`` adds an arm; such a file elsewhere is named by its path.
+"""
+
+import dataclasses
+import re
+from collections.abc import Collection, Mapping
+from functools import cache
+from importlib import import_module
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import Any
 
+import yaml
 
-def arm_launch(file: str, usual: Mapping[str, str], only: Mapping[str, Sequence[str]]) -> Any:
-    """Return the LaunchDescription of bringup for an arm.
+from eulerparams_control.errors import ConfigurationError, UnknownNameError, did_you_mean
+from eulerparams_control.parameters.fields import (
+    checked,
+    fields_of,
+    is_list,
+    item_type,
+    refuse_unknown,
+)
+from eulerparams_control.parameters.schemes import schemes
+from eulerparams_control.resources import config_file, config_names
+from eulerparams_control.ros.parameter_files import named_sections
 
-    Args:
-        file: the launch file of the arm, beside which that of bringup is.
-        usual: its arguments, where no others are given.
-        only: arguments and the only values that it accepts; the first is its default.
+BRIDGE, WATCHDOG, RECORDER = "pybullet_bridge", "watchdog", "bag_recorder"
+_OTHERS = {  # the parameters of the nodes that are no controllers
+    BRIDGE: ("sim_bridge.bridge_parameters", "BridgeParameters"),
+    WATCHDOG: ("eulerparams_control.parameters.watchdog", "WatchdogParameters"),
+    RECORDER: ("eulerparams_control.bags.ros.recorder_node", "RecorderParameters"),
+}
+_FREE = ("environment.",)  # names that pybullet_bridge checks itself
+
+ARGUMENTS = (
+    *("namespace", "base_frame", "tip_frame"),
+    *("position_controller", "effort_controller", "watchdog"),
+)
+"""Arguments of bringup that an arm fills where they are empty."""
+_KEYS = ("description", "controllers", *ARGUMENTS, "topics", "parameters")
+
+type Parameters = dict[str, dict[str, Any]]
+"""Parameters of nodes: by the name of the node, then by that of the parameter, with dots."""
+
+
+@dataclasses.dataclass(frozen=True)
+class RealArm:
+    """A real arm behind its driver.
+
+    Attributes:
+        name: of its file.
+        controllers: that can control it, the default first; empty: any.
+        arguments: of bringup, those of ``ARGUMENTS`` that it has.
+        topics: other names of topics.
+        parameters: of nodes.
     """
+
+    name: str = ""
+    controllers: tuple[str, ...] = ()
+    arguments: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    topics: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    parameters: Parameters = dataclasses.field(default_factory=dict)
+
+
+def arm_launch(file: str) -> Any:
+    """Return the LaunchDescription of bringup for the real arm that a launch file is named for."""
     from launch import LaunchDescription  # of ROS 2: who launches has it
     from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
 
+    arm = load_arm(Path(file).name.removesuffix(".launch.py"))
+    only = {"robot": (arm.name,), "sim": ("false",), "controller": arm.controllers}
+    declared = [
+        DeclareLaunchArgument(name, default_value=values[0], choices=list(values))
+        for name, values in only.items()
+    ]
     path = str(Path(file).with_name("bringup.launch.py"))
-    declared = [DeclareLaunchArgument(name, default_value=of) for name, of in usual.items()]
-    for name, values in only.items():
-        declared.append(DeclareLaunchArgument(name, default_value=values[0], choices=values))
     return LaunchDescription([*declared, IncludeLaunchDescription(path)])
+
+
+def load_arm(name_or_path: str) -> RealArm:
+    """Return the arm of ``config/robots/real/<name>.yaml``, or of a path to such a file.
+
+    Raises:
+        UnknownNameError: if there is no such arm; lists those that exist.
+        ConfigurationError: if its file cannot be read, or something in it is impossible.
+    """
+    path = Path(name_or_path)
+    if path.suffix != ".yaml":
+        known = config_names("robots/real")
+        if name_or_path not in known:
+            raise UnknownNameError("real arm", name_or_path, known)
+        path = config_file("robots/real", name_or_path)
+    entry = _read_file(path)
+    try:
+        for key in entry:
+            if key not in _KEYS:
+                raise UnknownNameError("key", key, _KEYS)
+        controllers = entry.get("controllers") or []
+        if not isinstance(controllers, list):
+            raise ConfigurationError(f"controllers is {controllers!r}; expected a list of names")
+        return RealArm(
+            path.stem,
+            tuple(map(str, controllers)),
+            {name: _argument(name, entry[name]) for name in ARGUMENTS if name in entry},
+            topics_of(entry.get("topics")),
+            parameters_of(entry.get("parameters")),
+        )
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+
+
+def _argument(name: str, value: Any) -> str:
+    if name == "watchdog":
+        if not isinstance(value, bool):
+            raise ConfigurationError(f"{name} is {value!r}; expected true or false")
+        return str(value).lower()
+    if not isinstance(value, str):
+        raise ConfigurationError(f"{name} is {value!r}; expected a name")
+    return value
+
+
+def read_argument(name: str, text: str, example: str) -> dict[str, Any]:
+    """Return the mapping that an argument of a launch file is in YAML.
+
+    Args:
+        name: of the argument.
+        text: that is given.
+        example: of one, for the refusal.
+
+    Raises:
+        ConfigurationError: if it is no mapping.
+    """
+    expected = f"expected a mapping in YAML, {name}:='{example}'"
+    try:
+        content = yaml.safe_load(text)
+    except (ValueError, RecursionError, yaml.YAMLError) as error:
+        raise ConfigurationError(f"{name} is {text!r}; {expected}: {error}") from error
+    if not isinstance(content, dict | None):
+        raise ConfigurationError(f"{name} is {text!r}; {expected}")
+    return content or {}
+
+
+def _read_file(path: Path) -> dict[str, Any]:
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+    if not isinstance(content, dict | None):
+        raise ConfigurationError(f"{path} holds {content!r}; expected a mapping")
+    return content or {}
+
+
+def topics_of(given: Any) -> dict[str, str]:
+    """Return other names of topics, checked; raises ConfigurationError."""
+    known = _topics()
+    topics = _mapping("topics", given)
+    for name, other in topics.items():
+        if not name.startswith(("/", "~")) and name not in known:
+            raise UnknownNameError("topic", name, known)
+        if not (isinstance(other, str) and other.strip()):
+            raise ConfigurationError(f"topic '{name}' is {other!r}; expected the name of a topic")
+    return topics
+
+
+@cache
+def _topics() -> frozenset[str]:
+    """Return the names of the topics between nodes."""
+    found = {"driver_effort", "external_wrench", "robot_description", "target_pose"}
+    found |= {"target_stiffness", "target_twist", "target_wrench"}
+    for scheme in schemes().values():
+        found |= {*scheme.topics, *scheme.outputs}
+    return frozenset(found)
+
+
+def parameters_of(given: Any) -> Parameters:
+    """Return parameters of nodes with their names in dots, checked; raises ConfigurationError."""
+    nodes = {*_OTHERS, *schemes()}
+    found = {}
+    for node, values in _mapping("parameters", given).items():
+        if node not in nodes:
+            raise UnknownNameError("node", node, nodes)
+        found[node] = _checked(node, _flat(_mapping(f"parameters of '{node}'", values)))
+    return found
+
+
+def parameters_of_file(path: str, namespace: str, controllers: Collection[str]) -> Parameters:
+    """Return what a parameter file of ROS has for nodes, checked.
+
+    A section whose last part is a wildcard is for the controllers.  One that has no namespace
+    counts in each.
+
+    Args:
+        path: of the file.
+        namespace: of the nodes.
+        controllers: those that are started.
+
+    Raises:
+        ConfigurationError: if it cannot be read, is for no node, or something in it is impossible.
+    """
+    nodes = {*_OTHERS, *schemes()}
+    sections = list(named_sections(_read_file(Path(path))))
+    found: Parameters = {}
+    for section, values in sections:
+        part = section.rpartition("/")[2]
+        if part not in nodes and did_you_mean(part, nodes):
+            raise ConfigurationError(f"{path}: {UnknownNameError('node', part, nodes)}")
+        pattern = re.escape(section).replace(r"/\*\*", "(/.*)?").replace(r"\*", "[^/]*")
+        for node in nodes & {part} or nodes & {*controllers}:
+            name = re.sub("/+", "/", f"/{namespace}/{node}")
+            if section == f"/{node}" or re.fullmatch(pattern, name):
+                own = found.setdefault(node, {})
+                own |= _flat(_mapping(f"parameters of '{node}'", values))
+    if not found:
+        names = ", ".join(section for section, _ in sections) or "no node"
+        raise ConfigurationError(f"{path} is for {names}; expected one of {', '.join(nodes)}")
+    try:
+        return {node: _checked(node, values) for node, values in found.items()}
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+
+
+def merged(*layers: Parameters) -> Parameters:
+    """Return parameters of nodes, key by key; the last layer that has one counts."""
+    nodes = {node for layer in layers for node in layer}
+    found: Parameters = {node: {} for node in nodes}
+    for layer in layers:
+        for node, values in layer.items():
+            found[node] |= values
+    return found
+
+
+def launch_parameters(values: Mapping[str, Any]) -> list[str | dict[str, Any]]:
+    """Return parameters of a node as launch_ros passes them on: empty lists in a file.
+
+    It refuses them in a dictionary.
+    """
+    empty = {name: value for name, value in values.items() if value == []}
+    rest = {name: value for name, value in values.items() if name not in empty}
+    found: list[str | dict[str, Any]] = [rest] if rest else []
+    if empty:
+        with NamedTemporaryFile("w", prefix="parameters_", suffix=".yaml", delete=False) as file:
+            yaml.safe_dump({"/**": {"ros__parameters": empty}}, file)
+        found.append(file.name)
+    return found
+
+
+def _mapping(name: str, value: Any) -> dict[str, Any]:
+    if value is None:
+        return {}
+    if not isinstance(value, dict):
+        raise ConfigurationError(f"{name}: {value!r}; expected a mapping")
+    return {str(key): entry for key, entry in value.items()}
+
+
+def _flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Return nested mappings as one whose names have dots, as ROS has them."""
+    found: dict[str, Any] = {}
+    for key, value in values.items():
+        name = f"{above}{key}"
+        found |= _flat(value, f"{name}.") if isinstance(value, dict) else {name: value}
+    return found
+
+
+def _checked(node: str, values: dict[str, Any]) -> dict[str, Any]:
+    """Return parameters as their types; raises ConfigurationError as the node would."""
+    kind = _parameters_type(node)
+    fields = fields_of(kind)
+    try:
+        refuse_unknown(kind, values, _FREE if node == BRIDGE else ())
+        return {
+            name: _plain(checked(fields[name], _numbers(fields[name], value)))
+            if name in fields
+            else value
+            for name, value in values.items()
+        }
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{node}: {error}") from error
+
+
+def _parameters_type(node: str) -> type[Any]:
+    if node in schemes():
+        return schemes()[node].parameters
+    module, name = _OTHERS[node]
+    found: type[Any] = getattr(import_module(module), name)
+    return found
+
+
+def _numbers(field: dataclasses.Field[Any], value: Any) -> Any:
+    """Return a value with 1e-3 as a number: it is a word for YAML, and a number for ROS."""
+    if (item_type(field) if is_list(field) else field.type) is not float:
+        return value
+    return [*map(_number, value)] if isinstance(value, list) else _number(value)
+
+
+def _number(value: Any) -> Any:
+    try:
+        return float(value) if isinstance(value, str) else value
+    except ValueError:
+        return value
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value

@@ -84,10 +84,11 @@ def _sections(path: str) -> Iterator[tuple[str, Any]]:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, ValueError):
         return  # rcl has read it in its own way, or has refused it
-    yield from _named(_loaded(text), "")
+    yield from named_sections(_loaded(text))
 
 
-def _named(content: Any, above: str) -> Iterator[tuple[str, Any]]:
+def named_sections(content: Any, above: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the full names of the nodes that a parameter file is for, with what it gives them."""
     if not isinstance(content, dict):
         return
     for key, value in content.items():
@@ -95,4 +96,4 @@ def _named(content: Any, above: str) -> Iterator[tuple[str, Any]]:
         if isinstance(value, dict) and _PARAMETERS in value:
             yield name, value[_PARAMETERS]
         else:
-            yield from _named(value, name)
+            yield from named_sections(value, name)

@@ -4,7 +4,12 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -52,8 +57,8 @@ def declare[P](
     refuse_unknown(parameters, node._parameter_overrides, prefixes)
     fields = fields_of(parameters)
     refuse_words(node.get_name(), fields)
-    values = {name: checked(field, _declare(node, field)) for name, field in fields.items()}
-    filled = parameters(**values)
+    is_fixed = on_change is None
+    filled = parameters(**{n: _declare(node, field, is_fixed) for n, field in fields.items()})
     _watch(node, filled, on_change)
     return filled
 
@@ -68,42 +73,90 @@ def refuse_words(name: str, fields: dict[str, Any], arguments: list[str] | None 
                 checked(fields[key], word)
 
 
-def _declare(node: Node, field: Any) -> Any:
-    """Declare one parameter and return its value, unchecked."""
-    name, default = field.name, list(field.default) if is_list(field) else field.default
-    node.declare_parameter(name, default, _descriptor(field))
-    if node.get_parameter(name).type_ is Parameter.Type.BYTE_ARRAY:  # rclpy's guess for []
-        node.set_parameters([Parameter(name, _LISTS[item_type(field)], [])])
-    return node.get_parameter(name).value
+def _declare(node: Node, field: dataclasses.Field[Any], is_fixed: bool) -> Any:
+    """Declare one parameter and return its value, checked before rclpy looks at it."""
+    name = field.name
+    given = node._parameter_overrides.get(name)
+    value = checked(field, field.default if given is None else given.value)
+    typed, free = _typed(field, value), ParameterDescriptor(dynamic_typing=True)
+    node.declare_parameter(name, typed.value, free, ignore_override=True)
+    if node.get_parameter(name).type_ is not typed.type_:  # rclpy guesses bytes for []
+        node.set_parameters([typed])
+    node.set_descriptor(name, _descriptor(field, is_fixed or not field.metadata["live"]))
+    return value
 
 
-def _descriptor(field: dataclasses.Field[Any]) -> ParameterDescriptor:
-    meta = field.metadata
+def _typed(field: dataclasses.Field[Any], value: Any) -> Parameter:
+    """Return a checked value as ROS has it: an int for a float, or no list, as what is meant."""
+    if is_list(field):
+        return Parameter(field.name, _LISTS[item_type(field)], list(value))
+    return Parameter(field.name, value=value)
+
+
+def _descriptor(field: dataclasses.Field[Any], is_fixed: bool) -> ParameterDescriptor:
+    """Return what is shown of a parameter; numbers that are no list have a range, too."""
+    meta, bounds = field.metadata, field.metadata["bounds"]
     text = meta["description"] + (f" [{meta['unit']}]" if meta["unit"] else "")
     constraints = []
-    if meta["bounds"]:
-        constraints.append(f"between {meta['bounds'][0]:g} and {meta['bounds'][1]:g}")
+    if bounds:
+        constraints.append(f"between {bounds[0]:g} and {bounds[1]:g}")
     if meta["choices"]:
         constraints.append("one of " + ", ".join(meta["choices"]))
-    return ParameterDescriptor(
-        description=text, additional_constraints="; ".join(constraints), dynamic_typing=True
+    descriptor = ParameterDescriptor(
+        description=text,
+        additional_constraints="; ".join(constraints),
+        read_only=is_fixed,
+        dynamic_typing=True,
     )
+    if bounds and field.type is float:
+        low, high = map(float, bounds)
+        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    if bounds and field.type is int:
+        low, high = map(int, bounds)
+        descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
+    return descriptor
 
 
 def _watch(node: Node, current: Any, on_change: Callable[[Any, Any], None] | None) -> None:
     """Check every later change; one that is refused changes nothing."""
     fields = fields_of(type(current))
+    refusal = ""
+
+    def judge(changes: list[Parameter]) -> list[Parameter]:
+        """Judge changes before rclpy does, whose refusals say neither a unit nor what exists.
+
+        It takes a refusal of an unknown name only here.  Any other is kept for ``check``, which
+        is asked about a parameter that stays as it is.
+        """
+        nonlocal refusal
+        names = [change.name for change in changes if not node.has_parameter(change.name)]
+        try:
+            refuse_unknown(type(current), names)
+        except UnknownNameError as error:
+            unknown = ParameterNotDeclaredException(names)
+            unknown.args = (str(error),)  # the answer of the parameter services
+            raise unknown from error
+        try:
+            refusal, judged = "", [as_meant(change) for change in changes]
+        except ConfigurationError as error:
+            refusal, judged = str(error), [node.get_parameter("use_sim_time")]
+        return judged
+
+    def as_meant(change: Parameter) -> Parameter:
+        field = fields.get(change.name)
+        if field is None:
+            return change
+        if on_change is None or not field.metadata["live"]:
+            raise ConfigurationError(f"'{change.name}' cannot be changed while running")
+        return _typed(field, checked(field, change.value))
 
     def check(changes: list[Parameter]) -> SetParametersResult:
-        nonlocal current
+        nonlocal current, refusal
+        reason, refusal = refusal, ""
+        if reason:
+            return SetParametersResult(successful=False, reason=reason)
+        values = {c.name: checked(fields[c.name], c.value) for c in changes if c.name in fields}
         try:
-            values = {}
-            for change in changes:
-                if change.name not in fields:
-                    continue
-                if on_change is None or not fields[change.name].metadata["live"]:
-                    raise ConfigurationError(f"'{change.name}' cannot be changed while running")
-                values[change.name] = checked(fields[change.name], change.value)
             if values and on_change is not None:
                 changed = dataclasses.replace(current, **values)
                 on_change(current, changed)
@@ -112,16 +165,5 @@ def _watch(node: Node, current: Any, on_change: Callable[[Any, Any], None] | Non
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def refuse_unknown_names(changes: list[Parameter]) -> list[Parameter]:
-        """Say which name is unknown before rclpy refuses it, which does not."""
-        names = [change.name for change in changes if not node.has_parameter(change.name)]
-        try:
-            refuse_unknown(type(current), names)
-        except UnknownNameError as error:
-            refusal = ParameterNotDeclaredException(names)
-            refusal.args = (str(error),)  # the answer of the parameter services
-            raise refusal from error
-        return changes
-
-    node.add_pre_set_parameters_callback(refuse_unknown_names)
+    node.add_pre_set_parameters_callback(judge)
     node.add_on_set_parameters_callback(check)
