@@ -42,6 +42,8 @@ _BALANCE = 0.8
 # What the arm drove into is let go at this speed [m/s], until this force [N] is left, or for this
 # time [s].
 _RETREAT, _MAX_CLAMP_FORCE, _RETREAT_TIME = 0.05, 45.0, 1.0
+# It is none that held the arm back in this time [s] by more than this part of the way: brakes do.
+_SEEN, _FOLLOWS = 0.2, 0.3
 # Joints stop no faster than in this time [s]; slower than this [rad/s or m/s] they all but rest.
 _SOFT, _SLOW = 0.05, 0.05
 
@@ -119,7 +121,7 @@ class JointHold:
         self._unknown = felt.copy() if w is None else np.zeros_like(felt)
         self._w = w
         self._balanced = np.zeros(6) if w is None else w
-        self._period = self._retreated = 0.0
+        self._period = self._retreated = self._gained = 0.0
         self._is_new = True
         least = CONTACT if w is None else MEASURED_CONTACT
         q, dq = state.arm.q.copy(), state.arm.dq.copy()
@@ -203,9 +205,13 @@ class JointHold:
         self._left = max(self._left - dt, 0.0)
         if self._is_driven_in and size > _MAX_CLAMP_FORCE and self._retreated < _RETREAT_TIME:
             self._retreated += dt
+            self._gained += dt * float(arm.dp_e @ force) / size
             v = np.concatenate((_RETREAT * force / size, np.zeros(3)))
             self._stop_at(self._q_b)
             self._dq_b = np.linalg.pinv(arm.J, rcond=0.05) @ v
+            if self._gained < _FOLLOWS * _RETREAT * (self._retreated - _SEEN):
+                self._is_driven_in = False
+                self._stop_at(arm.q)
         elif self._left > 0 and size > CONTACT:  # on the way: what comes of that is let go, too
             self._is_driven_in |= bool(force @ (arm.J[:3] @ self._dq_b) < -_INTO * size)
             self._stop_at(arm.q)

@@ -368,7 +368,7 @@ def factor_within(base: Input, step: Input, most: Input) -> float:
     factor = 1.0
     for i in range(len(step)):
         room = most[i] - base[i] if step[i] > 0.0 else most[i] + base[i]
-        if abs(step[i]) * factor > room:
+        if step[i] != 0.0 and abs(step[i]) * factor > room:
             factor = max(room, 0.0) / abs(step[i])
     return factor
 
