@@ -1,6 +1,6 @@
 """The package as pip and colcon install it and `ros2 run` looks for it, and its set-up."""
 
-import ast
+import json
 import os
 import re
 import shutil
@@ -15,10 +15,12 @@ from pathlib import Path
 
 import pytest
 import yaml
+from packaging.markers import default_environment
+from packaging.requirements import Requirement
 
 from eulerparams_control import command_line
 from eulerparams_control.analysis.html import SCRIPTS
-from eulerparams_control.command_line import EXTRAS, executables, extra_of, package_name
+from eulerparams_control.command_line import EXTRAS, executables, extra_of
 
 ROOT = Path(__file__).resolve().parents[1]
 EXECUTABLES = {
@@ -125,6 +127,17 @@ def test_setup_installs_executables_and_definitions_where_they_are_looked_for(so
     assert installed == {path.name for path in (ROOT / templates).iterdir()}
 
 
+def arguments_of_setup():
+    """Return what setup.py gives to setuptools."""
+    code = "import json, setuptools; setuptools.setup = lambda **given: print(json.dumps(given))"
+    return json.loads(run(sys.executable, "-c", f"{code}; exec(open('setup.py').read())", cwd=ROOT))
+
+
+def package_name(requirement):
+    """Return the package of a requirement, without versions, extras and markers."""
+    return re.split(r"[<>=\[; ]", requirement)[0]
+
+
 def python(code, *blocked):
     """Return how a Python ends that runs ``code`` where some packages are not installed."""
     block = "".join(f"sys.modules[{name!r}] = None; " for name in blocked)
@@ -134,8 +147,7 @@ def python(code, *blocked):
     )  # fmt: skip
 
 
-PACKAGES = {package_name(each) for extra in EXTRAS.values() for each in extra}
-PACKAGES |= {"distributed", "collada"}
+PACKAGES = {each for extra in EXTRAS.values() for each in extra} | {"distributed", "collada"}
 
 
 def test_the_executables_of_a_robot_need_no_extra():
@@ -155,6 +167,53 @@ def test_an_executable_whose_extra_is_missing_says_so_in_one_line(name):
     assert f"{name} needs {'viser, pycollada' if is_page else 'plotly, rich'}" in line
     assert f"make setup, or pip install -e '.[{extra_of(name)}]'" in line
     assert result.returncode == 2
+
+
+@pytest.mark.parametrize("name", ["pybullet_bridge"])
+def test_where_the_simulator_is_missing_one_line_says_so(name):
+    code = f"from eulerparams_control.command_line import {name}; sys.exit({name}(['--help']))"
+    result = python(code, "pybullet")
+    (line,) = result.stderr.splitlines()
+    assert f"{name} needs PyBullet, the simulator" in line
+    assert "the computer of a robot does without it" in line
+    assert result.returncode == 2
+
+
+def test_a_robot_needs_no_simulator():
+    result = python(
+        "from eulerparams_control.command_line import clik; sys.exit(clik(['--help']))",
+        "pybullet", "pybullet_data",
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+
+
+def test_setup_lists_what_the_package_has():
+    given = arguments_of_setup()
+    scripts = given["entry_points"]["console_scripts"]
+    names = [line.partition(" = ") for line in scripts]
+    assert {(name, target) for name, _, target in names} == {
+        (name, f"eulerparams_control.command_line:{name}") for name in executables()
+    }
+    extras = {
+        extra: {package_name(each) for each in packages}
+        for extra, packages in given["extras_require"].items()
+    }
+    assert {extra: {*packages} for extra, packages in EXTRAS.items()} == {
+        extra: extras[extra] for extra in EXTRAS
+    }
+    assert extras["all"] == {each for packages in EXTRAS.values() for each in packages}
+
+
+@pytest.mark.parametrize("machine", ["x86_64", "aarch64"])
+def test_pybullet_comes_as_a_wheel_where_there_is_one(machine):
+    environment = default_environment() | {"sys_platform": "linux", "platform_machine": machine}
+    asked = [
+        requirement.name
+        for requirement in map(Requirement, arguments_of_setup()["install_requires"])
+        if "pybullet" in requirement.name
+        and (requirement.marker is None or requirement.marker.evaluate(environment))
+    ]
+    assert asked == ["pybullet-arm64" if machine == "x86_64" else "pybullet"]
 
 
 def test_each_executable_is_an_entry_point_with_a_main():
@@ -178,8 +237,9 @@ def test_no_file_of_the_package_names_a_registry_or_a_path_of_a_machine():
 
 
 # What pip calls the packages of rosdep, and conda those of pip.
-BY_ROSDEP = {"pinocchio": "pin", "python3-yaml": "pyyaml"}
-BY_CONDA = {"matplotlib-base": "matplotlib", "pinocchio": "pin"}
+BY_ROSDEP = {"pinocchio": "pin", "python3-collada": "pycollada", "python3-yaml": "pyyaml"}
+BY_CONDA = {"matplotlib-base": "matplotlib", "pinocchio": "pin", "pybullet": "pybullet-arm64"}
+SKIPPED = {"mcap-ros2-support", "python3-pybullet-pip"}  # rosdep could not: they need pip
 WITH_MCAP = {"mcap", "lz4", "zstandard"}  # which mcap-ros2-support brings
 BY_ROS = {"ros-jazzy-rclpy", "ros-jazzy-common-interfaces"}
 FOR_ROS = {"ros2launch", "launch", "launch_ros", "ament_index_python"}
@@ -188,22 +248,23 @@ TO_BUILD = {"python", "colcon-common-extensions", "pip", "setuptools", "ros-jazz
 
 
 def test_the_image_and_the_pixi_workspace_install_what_the_package_needs():
-    code = "import setuptools; setuptools.setup = lambda **given: print(given['install_requires'])"
-    given = run(sys.executable, "-c", f"{code}; exec(open('setup.py').read())", cwd=ROOT)
-    needs = {*ast.literal_eval(given)}.union(*EXTRAS.values())
-    needs = {package_name(each).lower() for each in needs} - BY_ROS
+    given = arguments_of_setup()
+    needs = {*given["install_requires"]}.union(given["extras_require"]["all"])
+    needs = {package_name(each).lower() for each in needs} - BY_ROS - {"pybullet"}
     depends = [each.text for each in ET.parse(ROOT / "package.xml").iter("exec_depend")]
     messages = {each for each in depends if each.endswith(("_msgs", "_srvs", "_interfaces"))}
-    keys = {*depends} - messages - FOR_ROS - {"rclpy"}
-    by_apt = {BY_ROSDEP.get(key, re.sub("^python3-|-pip$", "", key)) for key in keys} | WITH_MCAP
+    keys = {*depends} - messages - FOR_ROS - {"rclpy"} - SKIPPED
+    by_apt = {BY_ROSDEP.get(key, key.removeprefix("python3-")) for key in keys}
     assert by_apt <= needs
 
-    for name in "Dockerfile", "README.md", "docs/index.md":
-        text = (ROOT / name).read_text(encoding="utf-8")
-        lines = re.findall(r"pip install --(?:no-cache-dir|break-\S+) ([^\\#\n]*)", text)
+    for name, more in {"Dockerfile": set(), "docs/install.md": {"rosbags"}}.items():
+        text = (ROOT / name).read_text(encoding="utf-8").replace("\\\n", " ")
+        lines = re.findall(
+            r"pip install (?:--no-cache-dir )?--break-system-packages ([^&#\n]*)", text
+        )
         by_pip = {package_name(each.strip('"')) for each in " ".join(lines).split()}
-        assert by_pip == needs - by_apt, name
-        assert "rosdep install --from-paths src --ignore-src -y" in text
+        assert by_pip == needs - by_apt - WITH_MCAP | more, name
+        assert f'--ignore-src -y --skip-keys "{" ".join(sorted(SKIPPED))}"' in text
 
     pixi = tomllib.loads((ROOT / "pixi.toml").read_text(encoding="utf-8"))
     ros = {f"ros-jazzy-{each.replace('_', '-')}" for each in messages | FOR_ROS | {"rclpy"}}
@@ -224,7 +285,12 @@ def test_what_a_repository_has_agrees_with_the_package():
     version = ET.parse(ROOT / "package.xml").findtext("version")
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert version == cited["version"]
-    assert f'version="{version}"' in (ROOT / "setup.py").read_text(encoding="utf-8")
+    given = arguments_of_setup()
+    assert version == given["version"]
+    urls = {each.get("type"): each.text for each in ET.parse(ROOT / "package.xml").iter("url")}
+    assert urls.keys() == {"website", "repository", "bugtracker"}
+    assert (urls["website"], urls["repository"]) == (cited["url"], cited["repository-code"])
+    assert urls["website"] == given["url"]
     workflow = yaml.safe_load((ROOT / ".github/workflows/test.yml").read_text(encoding="utf-8"))
     commands = [step["run"] for step in workflow["jobs"]["test"]["steps"] if "run" in step]
     assert commands
@@ -233,30 +299,50 @@ def test_what_a_repository_has_agrees_with_the_package():
         assert {"name", "description", "body"} == set(yaml.safe_load(form.read_text("utf-8")))
 
 
+def test_the_job_on_jazzy_runs_what_the_readme_says():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8").replace("\\\n", " ")
+    section = re.search(r"## On a machine with ROS 2 Jazzy\n(.*?)\n## ", readme, re.DOTALL)
+    assert section is not None
+    lines = re.findall(r"(?m)^    ([^#\n]+)", section[1])
+    commands = {" ".join(part.split()) for line in lines for part in line.split(" && ")}
+    workflow = yaml.safe_load((ROOT / ".github/workflows/test.yml").read_text(encoding="utf-8"))
+    scripts = [step.get("run", "") for step in workflow["jobs"]["jazzy"]["steps"]]
+    job = " ".join("\n".join(scripts).replace("\\\n", " ").split())
+    own = {each for each in commands if each.startswith(("cd ", "git clone "))}  # by its checkout
+    assert len(commands - own) > 8
+    assert [each for each in commands - own if each not in job] == []
+
+
 # --- set-up, with stand-ins for Python and pip -----------------------------------------------
 SETUP = ROOT / "tools" / "setup"
 PYTHON = """#!/bin/sh
 case "$*" in
   *"-m venv"*) for last; do :; done; mkdir -p "$last/bin"
                cp "$0" "$last/bin/python"; cp "$0" "$last/bin/pip"; touch "$last/pyvenv.cfg";;
-  *egg_info*) for last; do :; done; mkdir -p "$last/x.egg-info"
-              printf 'numpy\\npybullet>=3\\n\\n[dev]\\nmypy\\n' >"$last/x.egg-info/requires.txt";;
   *"show -q pybullet"*) exit 1;;
-  *needed.txt*) for last; do :; done; ! grep -q mypy "$last" || exit 1;;
   *"$FAILS"*) exit 1;;
 esac
 """
+# All that set-up calls beside Python.
+TOOLS = ("bash", "sh", "grep", "mkdir", "cp", "rm", "touch", "sleep", "setsid")
 
 
 @pytest.fixture
 def set_up(tmp_path):
-    """Return a function that runs set-up where a command with some words fails."""
-    for name in ("python3.12", "g++"):
-        (tmp_path / name).write_text(PYTHON, encoding="utf-8")
-        (tmp_path / name).chmod(0o755)
+    """Return a function that runs set-up where a command with some words fails.
 
-    def run(fails, part="first"):
-        env = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "FAILS": fails}
+    There is no compiler on its path.
+    """
+    path = tmp_path / "path"
+    path.mkdir()
+    for tool in TOOLS:
+        (path / tool).symlink_to(shutil.which(tool))
+    for name, script in {"python3.12": PYTHON, "uname": '#!/bin/sh\necho "$MACHINE"\n'}.items():
+        (path / name).write_text(script, encoding="utf-8")
+        (path / name).chmod(0o755)
+
+    def run(fails, part="first", machine="Linux x86_64"):
+        env = {"PATH": str(path), "FAILS": fails, "MACHINE": machine}
         return subprocess.run(
             ["bash", SETUP, str(tmp_path / "venv"), part],
             env=env, cwd=tmp_path, capture_output=True, text=True, timeout=100, check=False,
@@ -265,7 +351,7 @@ def set_up(tmp_path):
     return run
 
 
-@pytest.mark.parametrize("part", ["first", "rest"])
+@pytest.mark.parametrize("part", ["first", "rest", "floor"])
 def test_each_step_says_what_it_does_and_when_it_began(set_up, tmp_path, part):
     for each in ("first", part):
         result = set_up("nothing fails", each)
@@ -280,7 +366,7 @@ def test_each_step_says_what_it_does_and_when_it_began(set_up, tmp_path, part):
 @pytest.mark.parametrize(
     ("fails", "words"),
     [("--upgrade pip", "pip could not be set up"), ("compile_laws", "laws could not be compiled"),
-     ("wheel --no-deps", "pybullet could not be built")],
+     ("--editable", "the packages could not be installed")],
 )  # fmt: skip
 def test_a_step_that_fails_ends_it_in_one_line(set_up, tmp_path, fails, words):
     result = set_up(fails)
@@ -289,3 +375,11 @@ def test_a_step_that_fails_ends_it_in_one_line(set_up, tmp_path, fails, words):
     assert words in line
     assert result.returncode == 1
     assert not (tmp_path / "venv" / ".first").exists()
+
+
+def test_where_neither_a_compiler_nor_a_wheel_of_pybullet_is_there_one_line_says_so(set_up):
+    result = set_up("nothing fails", machine="Linux aarch64")
+    (line,) = result.stderr.splitlines()
+    assert "pybullet has no wheel for Linux aarch64" in line
+    assert "there is no C++ compiler" in line
+    assert result.returncode == 1
