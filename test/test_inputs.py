@@ -444,14 +444,14 @@ def test_a_mimic_joint_in_the_chain_is_refused_with_what_helps():
     )
     assert "<mimic" in urdf
     with pytest.raises(RobotError) as refusal:
-        Robot(urdf, "base_link", "tool0").refuse_locked()
+        Robot(urdf, "base_link", "tool0").refuse_joints()
     text = str(refusal.value)
     assert "wrist_2_joint between base_link and tool0 mimics wrist_1_joint" in text
     assert "set tip_frame to wrist_1_link or a link before it" in text
     assert 'make the joint type="fixed" in the URDF, or remove its <mimic>' in text
-    Robot(urdf, "base_link", "wrist_1_link").refuse_locked()
+    Robot(urdf, "base_link", "wrist_1_link").refuse_joints()
     with pytest.raises(RobotError, match=r"wrist_3_joint can move .* set joints"):
-        Robot(UR5.urdf, "base_link", "tool0", UR5.joints[:5]).refuse_locked()
+        Robot(UR5.urdf, "base_link", "tool0", UR5.joints[:5]).refuse_joints()
 
 
 # --- the inputs of a controller ----------------------------------------------------------------
