@@ -19,7 +19,7 @@ _SHOWN = 80  # characters of a text that is no URDF
 EXPECTED = "expected the text of a URDF, <robot name=...> ... </robot>"
 _CONTENT = (
     f"{EXPECTED}: set what is in the file, in a launch file by Command(['xacro ', FILE]), "
-    "elsewhere in a parameter file, as the block after 'robot_description: |'"
+    "elsewhere in a parameter file, as the block after 'robot_description: |2'"
 )
 _OTHER_FORMATS = {
     "sdf": "SDF, the format of Gazebo",
@@ -108,7 +108,7 @@ def parse(text: str) -> ET.Element:
     try:
         parser.Parse(text, True)
     except (expat.ExpatError, ValueError) as error:  # the latter for text that no file can have
-        raise RobotError(f"not valid XML: {error}; {EXPECTED}") from error
+        raise RobotError(f"not valid XML: {error}; {_CONTENT}") from error
     root = builder.close()
     if root.tag != "robot":
         format = _OTHER_FORMATS.get(root.tag, f"no URDF: the root element is <{root.tag}>")
