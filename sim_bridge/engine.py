@@ -17,9 +17,10 @@ import pybullet
 from eulerparams_control.errors import RobotError, SimulationError
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.robot.catalogue import RobotDescription
+from eulerparams_control.robot.urdf import NO_LIMIT
 from sim_bridge.environment import SensorMotion
 from sim_bridge.parameters import SimulatorParameters
-from sim_bridge.urdf import NO_LIMIT, SENSOR_LINK, Placed, simulation_urdf, solid_urdf
+from sim_bridge.urdf import SENSOR_LINK, Placed, simulation_urdf, solid_urdf
 
 # The joint motors are coupled and solved by iteration.  At PyBullet's defaults, 50 and 1e-7,
 # joint speeds are wrong by up to 0.5 rad/s and a braked arm sinks; these leave 5e-8 rad/s.

@@ -7,7 +7,7 @@ from operator import le
 import numpy as np
 
 from eulerparams_control.laws.limits import JointLimits
-from sim_bridge.urdf import NO_LIMIT
+from eulerparams_control.robot.urdf import NO_LIMIT
 
 POSITION_MARGIN = 1e-4
 """So far beyond a position limit is too far [rad or m].

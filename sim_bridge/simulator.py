@@ -21,7 +21,7 @@ from eulerparams_control.laws.friction import JointFriction
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.robot.catalogue import RobotDescription
-from eulerparams_control.robot.urdf import MOVING, UrdfTree, joint_friction, joint_limits
+from eulerparams_control.robot.urdf import MOVING, NO_LIMIT, UrdfTree, joint_friction, joint_limits
 from sim_bridge.contacts import Contacts
 from sim_bridge.engine import Engine, Sample
 from sim_bridge.environment import Force, Solid, read_environment, total_wrench
@@ -33,7 +33,6 @@ from sim_bridge.saturation import Clipped, are_same, clip, find_clipped
 from sim_bridge.sensors import Sensors, SimulatorState
 from sim_bridge.servo import PositionServo
 from sim_bridge.tool_load import Load
-from sim_bridge.urdf import NO_LIMIT
 
 __all__ = ["Simulator", "SimulatorParameters", "SimulatorState"]
 

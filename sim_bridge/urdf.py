@@ -13,6 +13,7 @@ So the text is edited before it is loaded:
 """
 
 import math
+import os.path
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -24,13 +25,16 @@ from eulerparams_control.errors import RobotError
 from eulerparams_control.laws.orientation import EulerSequence
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.robot.catalogue import RobotDescription
-from eulerparams_control.robot.urdf import MOVING, UrdfTree, attribute, numbers
+from eulerparams_control.robot.urdf import (
+    NO_LIMIT,
+    UrdfTree,
+    attribute,
+    numbers,
+    text_of,
+)
 
 SENSOR_LINK = "_force_torque_sensor"
 """The massless link at the sensor frame; the fixed joint above it measures."""
-
-NO_LIMIT = 1e12
-"""Stands for infinity where PyBullet needs a number."""
 
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
@@ -96,8 +100,8 @@ class Placed(NamedTuple):
         """Let it be seen and touched as a part of a link, in whose frame it is."""
         for part in ("visual", "collision"):
             element = ET.SubElement(link, part)
-            rpy = _text(_rpy(self.R))
-            ET.SubElement(element, "origin", xyz=_text(self.position), rpy=rpy)
+            rpy = text_of(_rpy(self.R))
+            ET.SubElement(element, "origin", xyz=text_of(self.position), rpy=rpy)
             element.append(self.geometry)
 
 
@@ -120,23 +124,26 @@ def simulation_urdf(
 
     Raises:
         RobotError: if a joint type is not supported, a joint of the arm moves beyond
-            the sensor, an inertia is malformed, or a mesh to be kept is not found.
+            the sensor, or a mesh that is to be touched is not found.
     """
     tree = UrdfTree(robot.urdf)
-    if blind := set(robot.joints) - set(tree.chain(tree.root, robot.sensor_frame)):
+    carried = {link: set(tree.chain(tree.root, link)) for link in tree.links}
+    if blind := set(robot.joints) - carried[robot.sensor_frame]:
         raise RobotError(f"the sensor at '{robot.sensor_frame}' is not moved by {sorted(blind)}")
-    for joint in tree.joints.values():
-        _simplify_joint(joint, active=joint.get("name") in robot.joints, stops=stops)
-    for link in tree.element.findall("link"):
-        _drop(link, *{"visual", "collision"}.difference(shapes))
-        for mesh in link.iter("mesh"):
-            mesh.set("filename", str(_find_mesh(attribute(mesh, "filename"), robot.urdf_path)))
-    _insert_sensor(tree, robot.sensor_frame)
-    load, moments = _lump(tree.element, tree.root, tool)
-    _prune(tree.element)
+    root = tree.moving_only(robot.joints, tuple(shapes))
+    for limit in () if stops else root.iter("limit"):
+        limit.attrib.update(lower=repr(-NO_LIMIT), upper=repr(NO_LIMIT))
+    for link in root.findall("link"):
+        name = attribute(link, "name")
+        if carried[name].isdisjoint(robot.joints):  # it touches nothing
+            _drop(link, "collision")
+        _find_meshes(link, robot.urdf_path)
+    _insert_sensor(root, robot.sensor_frame)
+    load, moments = _lump(root, tree.root, tool)
+    _prune(root)
     if touching is not None:
-        touching.attach(_link(tree.element, SENSOR_LINK))
-    return SimulationUrdf(ET.tostring(tree.element, encoding="unicode"), load, moments)
+        touching.attach(_link(root, SENSOR_LINK))
+    return SimulationUrdf(ET.tostring(root, encoding="unicode"), load, moments)
 
 
 def solid_urdf(solid: Placed) -> str:
@@ -152,34 +159,22 @@ def _link(root: ET.Element, name: str) -> ET.Element:
     return next(link for link in root.findall("link") if link.get("name") == name)
 
 
-def _simplify_joint(joint: ET.Element, *, active: bool, stops: bool) -> None:
-    kind, name = joint.get("type"), joint.get("name")
-    if kind not in (*MOVING, "fixed"):
-        raise RobotError(f"joint '{name}' is of type '{kind}', expected one of {MOVING} or fixed")
-    _drop(joint, "dynamics")
-    limit = joint.find("limit")
-    if not active:
-        joint.set("type", "fixed")
-    elif limit is not None and not stops:
-        limit.set("lower", repr(-NO_LIMIT))
-        limit.set("upper", repr(NO_LIMIT))
-
-
-def _insert_sensor(tree: UrdfTree, frame: str) -> None:
+def _insert_sensor(root: ET.Element, frame: str) -> None:
     """Let a massless link at ``frame`` carry all that is distal to it.
 
     It goes below the fixed joint of ``frame``, or else on a fixed joint of its own.
     """
-    carrier = tree.carrier(frame)
+    joints = root.findall("joint")
+    carrier = next((j for j in joints if _part(j, "child").get("link") == frame), None)
     if carrier is not None and carrier.get("type") == "fixed":
         _part(carrier, "child").set("link", SENSOR_LINK)
-        _attach(tree.element, SENSOR_LINK, frame)
+        _attach(root, SENSOR_LINK, frame)
     else:
-        for joint in tree.joints.values():
+        for joint in joints:
             if _part(joint, "parent").get("link") == frame:
                 _part(joint, "parent").set("link", SENSOR_LINK)
-        _attach(tree.element, frame, SENSOR_LINK)
-    ET.SubElement(tree.element, "link", name=SENSOR_LINK)
+        _attach(root, frame, SENSOR_LINK)
+    ET.SubElement(root, "link", name=SENSOR_LINK)
 
 
 def _attach(root: ET.Element, parent: str, child: str) -> None:
@@ -236,7 +231,7 @@ def _read_body(link: ET.Element) -> Body:
     inertial = link.find("inertial")
     if inertial is None:
         return Body(0.0, np.zeros(3), np.zeros((3, 3)))
-    T, entries = _placement(inertial), _part(inertial, "inertia")  # UrdfTree has checked them
+    T, entries = _placement(inertial), _part(inertial, "inertia")
     xx, xy, xz, yy, yz, zz = (float(attribute(entries, name)) for name in _INERTIA)
     mass = float(attribute(_part(inertial, "mass"), "value"))
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -252,7 +247,7 @@ def _write_body(link: ET.Element, body: Body) -> Array:
     axes = axes * np.sign(np.linalg.det(axes))  # a rotation, not a reflection
     _drop(link, "inertial")
     inertial = ET.SubElement(link, "inertial")
-    ET.SubElement(inertial, "origin", xyz=_text(body.com), rpy=_text(_rpy(axes)))
+    ET.SubElement(inertial, "origin", xyz=text_of(body.com), rpy=text_of(_rpy(axes)))
     ET.SubElement(inertial, "mass", value=repr(body.mass))
     ET.SubElement(inertial, "inertia", dict.fromkeys(_INERTIA, "0"))
     return moments
@@ -276,18 +271,32 @@ def _rpy(R: Array) -> tuple[float, float, float]:
     return math.atan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1]), pitch, yaw
 
 
-def _find_mesh(name: str, urdf_path: Path) -> Path:
-    """Return the path of a mesh: PyBullet reads the text from elsewhere."""
+def _find_meshes(link: ET.Element, urdf_path: Path) -> None:
+    """Give the meshes of a link their paths: PyBullet reads the text from elsewhere.
+
+    A link of which a picture is missing is not seen; what it touches with has to be there.
+    """
+    for shape in link.findall("visual") + link.findall("collision"):
+        for mesh in shape.iter("mesh"):
+            name = mesh.get("filename", "")
+            path = _find_mesh(name, urdf_path)
+            if path is not None:
+                mesh.set("filename", str(path))
+            elif shape.tag == "visual":
+                link.remove(shape)
+            else:
+                raise RobotError(
+                    f"link '{link.get('name')}': mesh '{name}' was not found from "
+                    f"{urdf_path.parent}; expected its file there; or set collide_links and "
+                    "gui to false"
+                )
+
+
+def _find_mesh(name: str, urdf_path: Path) -> Path | None:
     package = name.removeprefix("package://")
     folders = urdf_path.parents if package != name else urdf_path.parents[:1]
-    for folder in folders:
-        if (folder / package.removeprefix("file://")).is_file():
-            return folder / package.removeprefix("file://")
-    raise RobotError(f"mesh '{name}' was not found from {urdf_path.parent}")
-
-
-def _text(values: Iterable[float]) -> str:
-    return " ".join(repr(float(value)) for value in values)
+    paths = (folder / package.removeprefix("file://") for folder in folders)
+    return next((path for path in paths if os.path.isfile(path)), None)  # whatever its name
 
 
 def _part(element: ET.Element, name: str) -> ET.Element:

@@ -494,13 +494,61 @@ def test_large_messages_outside_of_chunks_are_handed_over_one_by_one(tmp_path):
 
 
 # --- what survives -------------------------------------------------------------------
-def test_recovery_changes_nothing_in_a_whole_bag(tmp_path):
+def content_of(folder: Path) -> dict[str, object]:
+    """Return the bytes of each file of a folder, and when and how often it was changed."""
+    found = {file.name: (file.read_bytes(), file.stat()) for file in folder.iterdir()}
+    return {
+        name: (data, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino, stat.st_mode)
+        for name, (data, stat) in found.items()
+    }
+
+
+def test_of_a_whole_bag_no_other_one_is_made(tmp_path):
     write_bag(tmp_path / "bag", 5)
-    before = {file: (file.read_bytes(), file.stat()) for file in (tmp_path / "bag").iterdir()}
+    before = content_of(tmp_path / "bag")
     result = recover(tmp_path / "bag")
-    assert (result.changed, result.messages) == (False, 6)
-    assert str(result).endswith("whole, 6 messages on 2 topics; nothing changed")
-    assert {file: (file.read_bytes(), file.stat()) for file in before} == before
+    assert (result.bag, result.messages) == (tmp_path / "bag", 6)
+    assert str(result).endswith("whole, 6 messages on 2 topics; no other bag was made")
+    assert content_of(tmp_path / "bag") == before
+    assert [path.name for path in tmp_path.iterdir()] == ["bag"]
+
+
+@pytest.mark.parametrize("flaw", ["cut", "damaged", "no metadata.yaml", "wrong metadata.yaml"])
+def test_recovery_makes_a_bag_beside_the_other_and_changes_nothing_in_that(
+    small_bag, tmp_path, flaw
+):
+    data = bytearray(mcap_of(small_bag).read_bytes())
+    if flaw == "cut":
+        data = data[: len(data) // 2]
+    elif flaw == "damaged":
+        data[data.index(joint_state(50)) + 30] ^= 1
+    folder = rewritten(tmp_path / "bag", bytes(data))
+    (folder / "bag_0.mcap").chmod(0o444)
+    if flaw == "wrong metadata.yaml":
+        (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: {message_count: 2}")
+    (folder / "notes.txt").write_text("of the person who recorded it")
+    folder.chmod(0o555)
+    found, before = list(Bag(folder).read_raw()), content_of(folder)
+    for name in ("bag_recovered", "bag_recovered_2"):  # nothing is overwritten either
+        result = recover(folder)
+        assert (result.bag, result.messages) == (tmp_path / name, len(found))
+        assert f"{folder}: unchanged; recovered {len(found)} messages on " in str(result)
+        assert f"in {tmp_path / name}" in str(result)
+        assert list(Bag(result.bag).read_raw()) == found
+        assert sorted(file.name for file in result.bag.iterdir()) == ["bag_0.mcap", "metadata.yaml"]
+    assert content_of(folder) == before
+    folder.chmod(0o755)
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_a_file_that_is_whole_is_copied_into_the_new_bag_byte_by_byte(small_bag, tmp_path):
+    folder = rewritten(tmp_path / "bag", mcap_of(small_bag).read_bytes())
+    (folder / "bag_1.mcap").write_bytes(mcap_of(small_bag).read_bytes()[:-40])
+    result = recover(folder)
+    assert result.messages == 204
+    for name in ("bag_0.mcap", "bag_1.mcap"):
+        same = (result.bag / name).read_bytes() == (folder / name).read_bytes()
+        assert same == (name == "bag_0.mcap")
 
 
 @pytest.mark.parametrize("text", [None, "", "rosbag2_bagfile_information: {message_count: 2}"])
@@ -509,13 +557,11 @@ def test_recovery_writes_metadata_yaml_anew(tmp_path, text):
     path = tmp_path / "bag" / "metadata.yaml"
     whole = path.read_text()
     path.unlink() if text is None else path.write_text(text)
-    assert recover(tmp_path / "bag").changed
-    assert path.read_text() == whole
+    assert (recover(tmp_path / "bag").bag / "metadata.yaml").read_text() == whole
 
 
 def test_recovery_keeps_the_compression(tmp_path):
-    path = mcap_of(tmp_path)
-    with open(path, "wb") as file:
+    with open(mcap_of(tmp_path), "wb") as file:
         writer = Writer(file, compression=CompressionType.ZSTD)
         writer.start("ros2")
         schema = writer.register_schema(JOINT_STATE, "ros2msg", b"x")
@@ -523,11 +569,13 @@ def test_recovery_keeps_the_compression(tmp_path):
         for _ in range(1000):
             writer.add_message(channel, START, bytes(100), START)
         writer.flush()
-    assert recover(tmp_path).messages == 1000
-    assert {chunk.compression for chunk in chunks_of(path)} == {"zstd"}
+    result = recover(tmp_path)
+    assert result.messages == 1000
+    new = result.bag / mcap_of(tmp_path).name
+    assert {chunk.compression for chunk in chunks_of(new)} == {"zstd"}
 
 
-def test_recovery_sets_the_original_aside_when_more_than_its_end_is_damaged(small_bag, tmp_path):
+def test_damage_costs_the_chunk_that_it_is_in(small_bag, tmp_path):
     data = bytearray(mcap_of(small_bag).read_bytes())
     data[data.index(joint_state(50)) + 30] ^= 1
     bag = rewritten(tmp_path / "bag", bytes(data))
@@ -537,10 +585,8 @@ def test_recovery_sets_the_original_aside_when_more_than_its_end_is_damaged(smal
     assert "left out the chunk at byte" in broken.warning
     result = recover(bag)
     assert result.messages == 82
-    assert result.kept == [bag / "bag_0.mcap.damaged"]
-    assert result.kept[0].read_bytes() == data
-    assert "the damaged original is" in str(result)
-    assert [m.message.position[0] for m in Bag(bag).messages([STATES.name])] == numbers
+    assert "; left out the chunk at byte" in str(result)
+    assert [m.message.position[0] for m in Bag(result.bag).messages([STATES.name])] == numbers
 
 
 def test_zeros_that_a_power_cut_left_are_cut_off(small_bag, tmp_path):
@@ -548,7 +594,7 @@ def test_zeros_that_a_power_cut_left_are_cut_off(small_bag, tmp_path):
     end = max(end for code, _, end in frames(data) if code == CHUNK)
     bag = rewritten(tmp_path / "bag", data[:end] + bytes(5000))
     result = recover(bag)
-    assert (result.messages, result.lost, result.kept) == (102, ["the last 5000 bytes"], [])
+    assert (result.messages, result.lost) == (102, ("the last 5000 bytes",))
 
 
 @pytest.mark.parametrize("missing", [1, 2, 3, 4])
@@ -559,8 +605,7 @@ def test_a_bag_whose_data_section_has_half_an_end_was_not_finished(small_bag, tm
     assert Bag(bag).truncated
     assert "was not finished" in Bag(bag).warning
     result = recover(bag)
-    assert (result.messages, result.lost) == (102, [f"the last {13 - missing} bytes"])
-    assert result.kept == []
+    assert (result.messages, result.lost) == (102, (f"the last {13 - missing} bytes",))
 
 
 @pytest.mark.parametrize(
@@ -584,9 +629,7 @@ def test_a_record_of_impossible_length_is_damage_and_no_end(small_bag, tmp_path,
     result = recover(bag)
     assert result.messages == 22
     assert result.lost[0].startswith(words.format(at))
-    assert result.lost[1:] == [f"the last {end - at} bytes"]
-    assert result.kept == [bag / "bag_0.mcap.damaged"]
-    assert result.kept[0].read_bytes() == damaged
+    assert result.lost[1:] == (f"the last {end - at} bytes",)
 
 
 def test_an_end_in_the_place_of_a_chunk_costs_no_more_than_it(small_bag, tmp_path):
@@ -596,7 +639,7 @@ def test_an_end_in_the_place_of_a_chunk_costs_no_more_than_it(small_bag, tmp_pat
     bag = rewritten(tmp_path / "bag", bytes(data[: chunks[-1][1]]))
     assert len(list(Bag(bag).read_raw())) == 82
     result = recover(bag)
-    assert (result.messages, result.kept) == (82, [bag / "bag_0.mcap.damaged"])
+    assert result.messages == 82
     assert f"the data_end at byte {chunks[2][0]}: " in result.lost[0]
 
 
@@ -612,8 +655,9 @@ def test_damaged_parameters_are_refused(small_bag, tmp_path):
     bag = rewritten(tmp_path / "bag", data.replace(b"k_Pp: 100.0", b"k_Pp: 900.0"))
     with pytest.raises(BagError, match=r"attachment .* is damaged: its checksum is wrong"):
         Bag(bag).parameters()
-    assert "left out the attachment" in str(recover(bag))
-    assert Bag(bag).parameters() == {}
+    result = recover(bag)
+    assert "left out the attachment" in str(result)
+    assert Bag(result.bag).parameters() == {}
 
 
 def test_messages_that_are_missing_are_told(small_bag, tmp_path):
@@ -623,7 +667,7 @@ def test_messages_that_are_missing_are_told(small_bag, tmp_path):
     bag = Bag(rewritten(tmp_path / "bag", bytes(data)))
     assert len(list(bag.read_raw())) == 82
     assert bag.warning.endswith("left out 20 messages")
-    assert recover(bag.path).lost == ["20 messages"]
+    assert recover(bag.path).lost == ("20 messages",)
 
 
 @pytest.mark.parametrize(
@@ -659,7 +703,7 @@ def test_impossible_fields_are_found_without_checksums(tmp_path, field, value, w
 def test_recovery_refuses_a_bag_that_is_being_recorded(tmp_path):
     with BagWriter(tmp_path / "bag"), pytest.raises(BagError, match="is being recorded"):
         recover(tmp_path / "bag")
-    assert not recover(tmp_path / "bag").changed
+    assert recover(tmp_path / "bag").bag == tmp_path / "bag"
 
 
 def test_recovery_runs_where_ros_is_not_installed(small_bag, tmp_path):
@@ -672,7 +716,8 @@ def test_recovery_runs_where_ros_is_not_installed(small_bag, tmp_path):
     command = [sys.executable, "-c", program, "--recover", killed, tmp_path / "nowhere"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 1
-    assert done.stdout == f"{killed}: recovered 102 messages on 2 topics\n"
+    said = f"{killed}: unchanged; recovered 102 messages on 2 topics in {killed}_recovered\n"
+    assert done.stdout == said
     assert done.stderr.startswith(f"error: {tmp_path}/nowhere is no folder; expected")
     assert done.stderr.count("\n") == 1
 
@@ -721,6 +766,8 @@ def test_a_full_disk_stops_recovery_without_loss(small_bag, tmp_path):
         recover(killed)
     assert [path.name for path in killed.iterdir()] == ["killed_0.mcap"]
     assert mcap_of(killed).read_bytes() == before
+    assert "killed_recovered" not in [path.name for path in tmp_path.iterdir()]
+    assert not list(tmp_path.glob(".recovering-*"))
 
 
 # --- property tests: no deadline, for nothing here is about time -----------------------
@@ -747,17 +794,16 @@ def test_a_bag_cut_at_any_byte_gives_all_of_the_chunks_before(data, small_bag, t
     assert bag.metadata["message_count"] == len(found)
     result = recover(folder)
     assert (result.messages, result.topics) == (len(found), len(bag.topics))
-    assert sorted(path.name for path in folder.iterdir()) == ["bag_0.mcap", "metadata.yaml"]
-    whole_again = Bag(folder)
+    whole_again = Bag(result.bag)
     assert (whole_again.truncated, whole_again.warning) == (False, "")
     assert list(whole_again.read_raw()) == found
     assert whole_again.parameters() == PARAMETERS or len(found) < 2
-    with Reader(folder) as reader:
+    with Reader(result.bag) as reader:
         assert reader.message_count == len(found)
         for connection in reader.connections:
             topic = STATES if connection.topic == STATES.name else DESCRIPTION
             assert connection.digest == topic.type_hash
-    assert not recover(folder).changed
+    assert recover(result.bag).bag == result.bag
 
 
 @anything
@@ -779,9 +825,10 @@ def test_a_flipped_bit_costs_messages_but_invents_none(data, bit, small_bag, tmp
     read_all(folder)
     assert set(found) <= originals
     assert len(found) == len(originals) or bag.warning
-    assert recover(folder).messages == len(found)
-    assert list(Bag(folder).read_raw()) == found
-    assert not recover(folder).changed
+    result = recover(folder)
+    assert result.messages == len(found)
+    assert list(Bag(result.bag).read_raw()) == found
+    assert recover(result.bag).bag == result.bag
 
 
 @anything
@@ -794,5 +841,4 @@ def test_damaged_metadata_yaml_does_no_harm(data, small_bag, tmp_path_factory):
     bag = Bag(folder)
     assert isinstance(bag.metadata, dict)
     assert len(list(bag.read_raw())) == 102
-    recover(folder)
-    assert Bag(folder).metadata["message_count"] == 102
+    assert Bag(recover(folder).bag).metadata["message_count"] == 102

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 from unittest.mock import Mock
 
 import pytest
+import yaml
 from rich.console import Console
 from rich.text import Text
 
@@ -117,3 +118,23 @@ def test_an_argument_without_ros_args_before_it_is_refused():
     code, text = runtime._run(Mock(), ["orientation:=euler_angles", "--ros-args"])
     assert code is ExitCode.ERROR
     assert "'orientation:=euler_angles' does nothing without --ros-args before it" in text
+
+
+@pytest.mark.parametrize(
+    "urdf",
+    [
+        '<robot name="a">\n <!-- x: y -->\n</robot>',
+        ' <?xml version="1.0"?>\n<robot name="a">\n<!-- # 3 -->\n</robot>',
+    ],
+)
+def test_a_urdf_that_is_no_yaml_is_refused_with_the_commands_that_make_a_parameter_file(
+    urdf, tmp_path
+):
+    code, text = runtime._run(Mock(), ["--ros-args", "-p", f"robot_description:={urdf}"])
+    assert code is ExitCode.ERROR
+    assert "is no YAML value" in text
+    assert "<!--" not in text
+    (tmp_path / "FILE.urdf").write_text(urdf)
+    subprocess.run(text.partition("made by: ")[2], shell=True, check=True, cwd=tmp_path)
+    made = yaml.safe_load((tmp_path / "robot.yaml").read_text())
+    assert made["/**"]["ros__parameters"]["robot_description"].split() == urdf.split()

@@ -242,7 +242,7 @@ def test_hostile_bags_take_little_memory_and_time(tmp_path):
         (code, said), recovered = found[2 * number : 2 * number + 2]
         assert (code, recovered[0]) == (2, 0), case
         assert BODIES[case][1] in said, case
-        assert Bag(tmp_path / f"{number}").warning == ""
+        assert Bag(tmp_path / f"{number}_recovered").warning == ""
 
 
 def test_a_file_of_terabytes_without_content_takes_little_memory(tmp_path):
@@ -276,9 +276,9 @@ def test_a_hostile_bag_is_read_told_of_and_recovered(case, tmp_path):
     read_all(folder)
     assert words in Bag(folder).warning
     assert len(Bag(folder).warning) < 10 * LONGEST_LINE
-    recover(folder)
-    read_all(folder)
-    assert not recover(folder).changed
+    whole = recover(folder).bag
+    read_all(whole)
+    assert recover(whole).bag == whole
     with contextlib.redirect_stdout(io.StringIO()) as said:
         assert main([str(folder), "--no-page"]) == 2
     assert said.getvalue().startswith("error: ")
@@ -318,10 +318,12 @@ def test_the_files_that_metadata_yaml_names_are_not_followed(paths, tmp_path):
     information["files"] = [{"path": path} for path in paths] if isinstance(paths, list) else paths
     (folder / "metadata.yaml").write_text(yaml.safe_dump(told))
     assert len(list(Bag(folder).read_raw())) == 42
-    assert recover(folder).messages == 42
-    assert Bag(folder).metadata["relative_file_paths"] == ["run_0.mcap"]
+    result = recover(folder)
+    assert result.messages == 42
+    assert Bag(result.bag).metadata["relative_file_paths"] == ["run_0.mcap"]
     assert (tmp_path / "secret.mcap").read_bytes() == before
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["other", "run", "secret.mcap"]
+    there = ["other", "run", "run_recovered", "secret.mcap"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == there
 
 
 def test_an_attachment_is_data_and_its_name_no_path(tmp_path):
@@ -338,9 +340,9 @@ def test_an_attachment_is_data_and_its_name_no_path(tmp_path):
     (tmp_path / "x.mcap").rename(folder / "x.mcap")
     with pytest.raises(BagError, match=r"parameters\.yaml in .* is not valid YAML: could not"):
         Bag(folder).parameters()
-    recover(folder)
-    assert sorted(path.name for path in folder.iterdir()) == ["metadata.yaml", "x.mcap"]
-    assert [path.name for path in tmp_path.iterdir()] == ["bag"]
+    whole = recover(folder).bag
+    assert sorted(path.name for path in whole.iterdir()) == ["metadata.yaml", "x.mcap"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bag", "bag_recovered"]
 
 
 @pytest.mark.parametrize(

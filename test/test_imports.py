@@ -23,7 +23,7 @@ FLOORS = (
     ("laws.compiled", "laws.linear", "laws.rotations"),
     ("motion",),
     ("laws.impedance_matrices", "laws.orientation", "motion.way_points"),
-    ("robot.urdf",),
+    ("robot.urdf", "robot.urdf_text"),
     ("laws.limits", "laws.inverse", "laws.friction", "robot"),
     ("parameters.schemes", "parameters.common"),
     ("laws", "parameters"),

@@ -1,6 +1,7 @@
 """Inputs of a controller: states of the arm and of others, wrenches, targets."""
 
 import math
+import re
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any
@@ -17,6 +18,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from ros_processes import FRAMES, HOME, TICK, UR5, Controlled, assert_holds, pose, reference, values
 from samples import about
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from tolerances import RELATIVE, THROUGH_A_QUATERNION
 
 from eulerparams_control.control.clock import steady
@@ -28,6 +30,7 @@ from eulerparams_control.messages.to_ros import pose_to_ros, stamp_to_ros
 from eulerparams_control.messages.wire import Reader
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame
 from eulerparams_control.robot.robot import Robot
+from eulerparams_control.ros.qos import QOS_LATCHED
 from eulerparams_control.ros.ros_time import RosTime
 from eulerparams_control.ros.state_input import StateInput
 from eulerparams_control.ros.wrench_input import WrenchInput
@@ -444,14 +447,36 @@ def test_a_mimic_joint_in_the_chain_is_refused_with_what_helps():
     )
     assert "<mimic" in urdf
     with pytest.raises(RobotError) as refusal:
-        Robot(urdf, "base_link", "tool0").refuse_locked()
+        Robot(urdf, "base_link", "tool0").refuse_joints()
     text = str(refusal.value)
     assert "wrist_2_joint between base_link and tool0 mimics wrist_1_joint" in text
     assert "set tip_frame to wrist_1_link or a link before it" in text
     assert 'make the joint type="fixed" in the URDF, or remove its <mimic>' in text
-    Robot(urdf, "base_link", "wrist_1_link").refuse_locked()
+    Robot(urdf, "base_link", "wrist_1_link").refuse_joints()
     with pytest.raises(RobotError, match=r"wrist_3_joint can move .* set joints"):
-        Robot(UR5.urdf, "base_link", "tool0", UR5.joints[:5]).refuse_locked()
+        Robot(UR5.urdf, "base_link", "tool0", UR5.joints[:5]).refuse_joints()
+
+
+@pytest.mark.parametrize(
+    ("description", "words"),
+    [
+        ("/opt/arm.urdf", "the robot description is a path, '/opt/arm.urdf'; expected the text"),
+        ('<robot name="a"><xacro:ur prefix=""/></robot>', "has <xacro:ur>; expand it: xacro FILE"),
+        (re.sub('lower="[^"]*" upper="[^"]*"', "", UR5.urdf), " cannot move: its position limits"),
+    ],
+)
+@pytest.mark.parametrize("way", ["parameter", "topic"])
+def test_a_robot_description_that_is_none_is_called_by_its_name(world, way, description, words):
+    parameters = {"robot_description": description} if way == "parameter" else {}
+    process = world.start("clik", {**FRAMES, **parameters})
+    if way == "topic":
+        latched = world.peer.node.create_publisher(String, "robot_description", QOS_LATCHED)
+        latched.publish(String(data=description))
+    else:
+        process.node.trigger_configure()
+    world.advance(0.1)
+    assert "not configured: " in process.log
+    assert words in process.log
 
 
 # --- the inputs of a controller ----------------------------------------------------------------

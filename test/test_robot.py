@@ -265,11 +265,79 @@ def test_frames_and_joints_that_are_no_chain_are_refused(base, tip, joints, text
         Robot(ARM, base, tip, joints)
 
 
-def test_no_velocity_limit_of_zero_nor_another_number_of_joint_values_is_taken():
-    urdf, robot = ARM.replace('velocity="0.2"', 'velocity="0"'), Robot(ARM, "base", "hand")
-    with pytest.raises(RobotError, match="velocity limit of 0"):
-        Robot(urdf, "base", "hand")
-    assert Robot(urdf, "base", "hand", ("turn", "bend")).n == 2  # of an active joint only
+BEND = '<limit lower="-1" upper="2" velocity="3" effort="30"/>'
+
+
+def with_bend(limit):
+    """Return the arm with another <limit>, or what else, of its last joint."""
+    return ARM.replace(BEND, limit, 1)
+
+
+@pytest.mark.parametrize(
+    ("limit", "words"),
+    [
+        (
+            '<limit velocity="3" effort="30"/>',
+            "its position limits are 0 ... 0 (what is not stated",
+        ),
+        ('<limit lower="0" upper="0" velocity="3" effort="30"/>', "position limits are 0 ... 0"),
+        ('<limit lower="0.5" upper="0.5" velocity="3" effort="30"/>', "limits are 0.5 ... 0.5"),
+        (
+            '<limit upper="-0" velocity="3" effort="30"/>',
+            "type='continuous' if it turns without end",
+        ),
+        (
+            '<limit lower="-1" upper="2" velocity="0" effort="30"/>',
+            "its velocity limit is 0; expected",
+        ),
+        (f'{BEND}<safety_controller soft_lower_limit="2"/>', "position limits are 2 ... 2"),
+    ],
+)
+def test_a_joint_whose_limits_do_not_let_it_move_is_named_and_not_controlled(
+    limit, words, tmp_path
+):
+    urdf = with_bend(limit)
+    assert urdf != ARM
+    robot = Robot(urdf, "base", "hand")  # a bag of it can be read
+    with pytest.raises(RobotError, match=f"^joint 'bend' cannot move: .*{re.escape(words)}"):
+        robot.refuse_joints()
+    with pytest.raises(RobotError, match="joint 'bend' cannot move: "):
+        load_urdf(urdf, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("stated", "expected"),
+    [
+        ('soft_lower_limit="-0.5" soft_upper_limit="1"', (-0.5, 1.0)),
+        ('soft_lower_limit="-0.5"', (-0.5, 2.0)),
+        ('soft_upper_limit=" 1 "', (-1.0, 1.0)),
+        ('soft_lower_limit="-9" soft_upper_limit="9"', (-1.0, 2.0)),
+        ('soft_lower_limit="-9" soft_upper_limit="1.5"', (-1.0, 1.5)),
+        ('soft_lower_limit="0" soft_upper_limit="0"', (-1.0, 2.0)),  # an exporter knew none
+        ('k_position="15" k_velocity="10"', (-1.0, 2.0)),
+    ],
+)
+def test_soft_limits_are_the_limits_where_they_are_within_the_hard_ones(stated, expected, tmp_path):
+    urdf = with_bend(f"{BEND}<safety_controller {stated}/>")
+    limits = Robot(urdf, "base", "hand").limits
+    assert (limits.lower[2], limits.upper[2]) == expected
+    assert (limits.velocity[2], limits.effort[2]) == (3.0, 30.0)
+    turn = urdf.replace("</joint>", '<safety_controller soft_upper_limit="1"/></joint>')
+    assert Robot(turn, "base", "hand").limits.upper[0] == math.inf  # one without end has none
+
+
+def test_limits_without_end_are_none():
+    urdf = with_bend('<limit lower="-inf" upper="inf" velocity="inf" effort="inf"/>')
+    Robot(urdf, "base", "forearm").refuse_joints()
+    robot = Robot(urdf, "base", "hand")
+    for limit in (-robot.limits.lower, robot.limits.upper, robot.limits.velocity):
+        assert limit[2] == math.inf
+    q = np.array([0.1, 0.2, 9.0])
+    assert_close(robot.state(q, q).R_e, Robot(ARM, "base", "hand").state(q, q).R_e)
+
+
+def test_no_other_number_of_joint_values_is_taken():
+    robot = Robot(ARM, "base", "hand")
     for q, dq in ((np.zeros(2), np.zeros(3)), (np.zeros(3), np.zeros(4))):
         for state in (robot.state, robot.dynamic_state):
             with pytest.raises(RobotError, match=r"expected \(3,\)"):
@@ -381,6 +449,14 @@ def load_urdf(text: str, folder: Path) -> RobotDescription:
     return load_robot(str(folder / "my.urdf"))
 
 
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "iso-8859-1", "utf-8"])
+def test_a_urdf_is_read_in_the_encoding_that_it_declares(encoding, tmp_path):
+    declared = encoding.removesuffix("-sig")
+    text = f'<?xml version="1.0" encoding="{declared}"?><!-- f\u00fcr -->{TWO_LINKS}'
+    (tmp_path / "my.urdf").write_bytes(text.replace("arm", "b\u00e4r").encode(encoding))
+    assert UrdfTree(load_robot(str(tmp_path / "my.urdf")).urdf).links[1] == "b\u00e4r"
+
+
 def test_the_arms_end_where_the_experiments_take_them_to_end():
     ur5, panda = load_robot("ur5"), load_robot("panda")
     assert (ur5.base_frame, ur5.tip_frame) == ("base_link", "tool0")
@@ -427,6 +503,12 @@ def test_a_urdf_that_cannot_be_read_is_refused_with_its_path(tmp_path):
         load_urdf(TWO_LINKS.replace('"revolute"', '"fixed"'), tmp_path)
     with pytest.raises(RobotError, match=r"cannot be read.*missing\.urdf"):
         load_robot(str(tmp_path / "missing.urdf"))
+    (tmp_path / "odd.urdf").write_bytes(b'<?xml version="1.0" encoding="klingon"?>\xff')
+    with pytest.raises(RobotError, match="cannot be read"):
+        load_robot(str(tmp_path / "odd.urdf"))
+    (tmp_path / "arm.urdf.xacro").write_text('<robot name="r"><xacro:arm prefix=""/></robot>')
+    with pytest.raises(RobotError, match=r"has <xacro:arm>; expand it: xacro FILE"):
+        load_robot(str(tmp_path / "arm.urdf.xacro"))
     (tmp_path / "binary.urdf").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(RobotError, match="cannot be read"):
         load_robot(str(tmp_path / "binary.urdf"))

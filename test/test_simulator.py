@@ -269,6 +269,76 @@ def test_a_step_obeys_the_inverse_dynamics_of_pinocchio_with_all_that_acts(name,
     assert fastest > 0.1  # rad/s: it did move, well above COULOMB_SPEED
 
 
+# --- what of a URDF is not the arm, or is said in other words ------------------------------
+CONTACT = '<contact><inertia_scaling value="3"/><lateral_friction value="9"/></contact>'
+HEAVY = """<link name="box"><inertial><origin xyz="0.3 0 0"/><mass value="50"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+
+
+def put(old: str, new: str) -> str:
+    """Return the odd robot with its first ``old`` replaced."""
+    assert old in ODD_ROBOT
+    return ODD_ROBOT.replace(old, new, 1)
+
+
+def beside(kind: str, parent: str = "base", link: str = '<link name="box"/>') -> str:
+    """Return the odd robot with one more link, on a joint of its own."""
+    ends = f'<parent link="{parent}"/><child link="box"/><origin xyz="0 0 1"/>'
+    limit = '<limit lower="-1" upper="1" velocity="1" effort="1"/>'
+    return put("</robot>", f'{link}<joint name="more" type="{kind}">{ends}{limit}</joint></robot>')
+
+
+SAME_ARM = {
+    "an axis of length 2": put('<axis xyz="0 0 1"/>', '<axis xyz="0 0 2"/>'),
+    "an axis of length 3 to slide along": put('<axis xyz="0 1 0"/>', '<axis xyz="0 3 0"/>'),
+    "a short axis": put('<axis xyz="0.6 0 0.8"/>', '<axis xyz="6e-5 0 8e-5"/>'),
+    "PyBullet's own words": put('<link name="wrist">', f'<link name="wrist">{CONTACT}'),
+    "a name space": put("<robot", '<robot xmlns="http://www.ros.org"'),
+    "limits of a joint without end": put(
+        '<dynamics damping="3"/>',
+        '<limit lower="0.2" upper="0.3" velocity="1e-3" effort="1e-9"/><dynamics damping="3"/>',
+    ),
+    "a frame that floats": beside("floating"),
+    "a box that floats": beside("floating", link=HEAVY),
+    "a cart": beside("planar", link=HEAVY),
+    "a second arm": beside("revolute", link=HEAVY),
+    "a joint of an unknown type": beside("screw"),
+    "a massless branch that moves": beside("revolute", "tip"),
+    "a frame without inertia": beside("fixed", "tip", HEAVY.replace('"50"', '"0"')).replace(
+        '"1" iyy="1" izz="1"', '"0" iyy="0" izz="0"'
+    ),
+    "a joint with the name of its link": put('joint name="flange"', 'joint name="tip"'),
+    "a joint with the name of another": put('joint name="grip"', 'joint name="universe"'),
+    "names with signs": ODD_ROBOT.replace('"boom"', "'b&quot;&lt;o\u00f6&amp;m %s'"),
+}
+
+
+@pytest.mark.parametrize("case", SAME_ARM)
+def test_what_is_not_the_arm_or_said_in_other_words_changes_no_acceleration(case):
+    """The model is Pinocchio's of the plain URDF."""
+    model, rng = Model(ODD), np.random.default_rng(5)
+    description = dataclasses.replace(ODD, urdf=SAME_ARM[case])
+    assert description.urdf != ODD.urdf
+    free = {"friction_viscous": 0.0, "friction_coulomb": 0.0, "enforce_limits": False}
+    sim = Simulator(description, SimulatorParameters(control="torque", **free))
+    own = Robot(description.urdf, "base", "tip")
+    try:
+        for _ in range(5):
+            sim.reset(np.array(ODD.home) + rng.uniform(-0.2, 0.2, 3))
+            for _ in range(3):
+                before, tau = sim.read(), rng.uniform(-20.0, 20.0, 3)
+                sim.command_effort(tau)
+                after = run(sim, 1)
+                ddq = (after.dq - before.dq) * sim.parameters.rate
+                assert model.tau(before.q, before.dq, ddq) == pytest.approx(tau, abs=TORQUE)
+                state = own.dynamic_state(before.q, before.dq)
+                assert_close(
+                    state.B @ ddq + state.C_dq + state.g, model.tau(before.q, before.dq, ddq)
+                )
+    finally:
+        sim.close()
+
+
 # --- brakes --------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("name", "control"), [*((name, "torque") for name in ROBOTS), ("ur5", "position")]
@@ -733,7 +803,7 @@ def test_an_impossible_parameter_is_refused_with_the_bound(values, reason):
     [
         (
             dataclasses.replace(ODD, urdf=ODD_ROBOT.replace('"continuous"', '"planar"')),
-            {}, RobotError, "joint 'turn' is of type 'planar'",
+            {}, RobotError, "joint 'turn': its type is 'planar'",
         ),
         (
             dataclasses.replace(robot("ur5"), sensor_frame="forearm_link"),
@@ -892,8 +962,25 @@ def test_shapes_are_kept_where_they_are_asked_for(name):
 
 
 def test_a_mesh_that_is_missing_matters_only_where_it_is_needed():
-    mesh = '<collision><geometry><mesh filename="package://no/such.stl"/></geometry></collision>'
-    broken = dataclasses.replace(ODD, urdf=ODD_ROBOT.replace("</link>", f"{mesh}</link>", 1))
-    Simulator(broken, SimulatorParameters()).close()
-    with pytest.raises(RobotError, match=r"mesh 'package://no/such\.stl' was not found"):
-        Simulator(broken, SimulatorParameters(collide_links=True))
+    mesh = '<geometry><mesh filename="package://no/such.stl"/></geometry>'
+    broken = {
+        (shape, link): dataclasses.replace(
+            ODD, urdf=beside("fixed").replace(link, f"{link[:-2]}><{shape}>{mesh}</{shape}></link>")
+        )
+        for shape in ("collision", "visual")
+        for link in ('<link name="tip"/>', '<link name="base"/>', '<link name="box"/>')
+    }
+    for (shape, link), arm in broken.items():
+        Simulator(arm, SimulatorParameters()).close()
+        if (shape, link) != ("collision", '<link name="tip"/>'):
+            Simulator(arm, SimulatorParameters(collide_links=True)).close()
+            text = simulation_urdf(
+                arm, SimulatorParameters().tool, stops=True, shapes=["visual", "collision"]
+            ).text
+            assert "mesh" not in text
+    with pytest.raises(
+        RobotError, match=r"^link 'tip': mesh 'package://no/such\.stl' was not found"
+    ):
+        Simulator(
+            broken["collision", '<link name="tip"/>'], SimulatorParameters(collide_links=True)
+        )

@@ -35,6 +35,7 @@ from eulerparams_control.laws.orientation import OrientationRepresentation
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
+from eulerparams_control.robot import urdf_text
 
 _ANSWERED = 500_000_000  # [ns] within which the answers to a state are in the bag
 _TOLD = 10_000  # messages between calls of progress
@@ -482,6 +483,6 @@ class _Reader:
 def read_urdf(path: str) -> str:
     """Return the text of a URDF; raises ConfigurationError if it cannot be read."""
     try:
-        return Path(path).read_text(encoding="utf-8")
+        return urdf_text.read_urdf(Path(path))
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigurationError(f"cannot read the URDF {path}: {error}") from error

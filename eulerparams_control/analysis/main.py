@@ -216,7 +216,7 @@ def _warn(digest: Digest, console: Console) -> None:
     flaws = {warning.kind for warning in digest.warnings}
     if BagFlaw.UNFINISHED in flaws:
         say(console, f"it was read up to {digest.end:.3f} s; bag_recorder --recover {digest.path} "
-             "makes it whole as far as it goes", "yellow")  # fmt: skip
+             "makes a whole bag beside it, as far as it goes", "yellow")  # fmt: skip
     if "position_error" not in digest.curves and BagFlaw.FRAMES not in flaws:
         say(console, f"{digest.name}: no reference was recorded: errors are not known", "yellow")
 

@@ -1,9 +1,11 @@
-"""Make whole what a killed recorder left: the MCAP file and metadata.yaml."""
+"""Make a whole bag beside the one that a killed recorder left, which stays as it is."""
 
 import contextlib
 import dataclasses
 import fcntl
+import itertools
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -33,43 +35,38 @@ _COMPRESSIONS = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4}
 _ADVICE = "nothing was changed; make room, then try again"
 # Keys of metadata.yaml that must agree with the files; the others may be older.
 _AGREEING = ("storage_identifier", "message_count", "relative_file_paths")
-# An end shorter than this is the chunk that was being written; more may be worth a look.
-_LAST_CHUNK_BYTES = 2**20
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(frozen=True)
 class Recovery:
     """Result of :func:`recover`.
 
     Attributes:
-        messages: number of messages that the bag has now.
+        folder: that was asked for; nothing in it was changed.
+        bag: the folder of the whole bag: the same, or a new one beside it.
+        messages: number of messages that it has.
         topics: number of its topics.
         lost: what could not be read, one phrase each.
-        kept: damaged files that were set aside, because more than an end was unreadable.
-        changed: False if the bag was whole already.
     """
 
     folder: Path
+    bag: Path
     messages: int
     topics: int
-    lost: list[str] = dataclasses.field(default_factory=list)
-    kept: list[Path] = dataclasses.field(default_factory=list)
-    changed: bool = False
+    lost: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         content = f"{self.messages} messages on {self.topics} topics"
-        if not self.changed:
-            return f"{self.folder}: whole, {content}; nothing changed"
+        if self.bag == self.folder:
+            return f"{self.folder}: whole, {content}; no other bag was made"
         lost = f"; left out {', '.join(self.lost)}" if self.lost else ""
-        kept = f"; the damaged original is {', '.join(map(str, self.kept))}" if self.kept else ""
-        return f"{self.folder}: recovered {content}{lost}{kept}"
+        return f"{self.folder}: unchanged; recovered {content} in {self.bag}{lost}"
 
 
 def recover(folder: str | os.PathLike[str]) -> Recovery:
-    """Make the bag in ``folder`` whole; a whole one is left as it is.
+    """Make a whole bag of what can be read of the one in ``folder``, beside it.
 
-    Every message that can be read is copied to a new file, which then takes the place of
-    the old one; killed meanwhile, the old one is still there.
+    Nothing in ``folder`` is changed.  Of a bag that is whole none is made.
 
     Raises:
         BagError: if there is no bag, it is being recorded, or the disk is full.
@@ -77,36 +74,55 @@ def recover(folder: str | os.PathLike[str]) -> Recovery:
     folder = Path(folder)
     if not folder.is_dir():
         raise BagError(f"{folder} is no folder; expected the folder of a bag")
-    result = Recovery(folder, 0, 0)
-    try:
-        information = bag_information(_recover_file(file, result) for file in bag_files(folder))
-        if result.changed or not _agrees(folder, information):
-            write_metadata(folder, information)
-            result.changed = True
-    except OSError as error:
-        raise BagError(f"cannot recover {folder}: {error.strerror}; {_ADVICE}") from error
-    result.messages = information["message_count"]
-    result.topics = len(information["topics_with_message_count"])
-    return result
+    with contextlib.ExitStack() as held:
+        try:
+            for file in bag_files(folder):
+                held.enter_context(_locked(file))
+            found = [survey(file, thorough=True) for file in bag_files(folder)]
+            information = bag_information(one.contents for one in found)
+            bag = folder
+            if not all(map(_is_whole, found)) or not _agrees(folder, information):
+                bag, information = _made_of(found, folder.resolve())
+        except OSError as error:
+            raise BagError(f"cannot recover {folder}: {error.strerror}; {_ADVICE}") from error
+    lost = tuple(phrase for one in found for phrase in _lost(one))
+    topics = len(information["topics_with_message_count"])
+    return Recovery(folder, bag, information["message_count"], topics, lost)
 
 
-def _recover_file(path: Path, result: Recovery) -> FileContents:
-    with _locked(path):
-        found = survey(path, thorough=True)
-        scan = found.scan
-        assert scan is not None
-        if found.index is not None and scan.ended and not scan.damage:
-            return found.contents
-        result.changed = True
-        result.lost += scan.damage
-        if scan.unread:
-            result.lost.append(f"the last {scan.unread} bytes")
-        with tempfile.TemporaryDirectory(prefix=".recovering-", dir=path.parent) as folder:
-            contents = _copy(found, Path(folder) / path.name, _COMPRESSIONS.get(scan.compression))
-            if scan.damage or scan.unread > _LAST_CHUNK_BYTES:
-                result.kept.append(path.rename(f"{path}.damaged"))
-            os.replace(Path(folder) / path.name, path)
-        return contents
+def _is_whole(found: Survey) -> bool:
+    return (
+        found.index is not None and found.scan is not None and found.scan.ended and not _lost(found)
+    )
+
+
+def _lost(found: Survey) -> list[str]:
+    """Return what of a file cannot be read."""
+    scan = found.scan
+    assert scan is not None
+    if found.index is not None and scan.ended and not scan.damage:
+        return []
+    return scan.damage + ([f"the last {scan.unread} bytes"] if scan.unread else [])
+
+
+def _made_of(found: list[Survey], folder: Path) -> tuple[Path, dict[str, Any]]:
+    """Return a new bag beside ``folder``, and its metadata: whole, or there is none."""
+    with tempfile.TemporaryDirectory(prefix=".recovering-", dir=folder.parent) as space:
+        bag = Path(space) / folder.name
+        bag.mkdir()
+        information = bag_information(_copied(one, bag / one.path.name) for one in found)
+        write_metadata(bag, information)
+        numbers = itertools.chain(("",), map("_{}".format, itertools.count(2)))
+        places = (folder.with_name(f"{folder.name}_recovered{number}") for number in numbers)
+        return bag.rename(next(place for place in places if not place.exists())), information
+
+
+def _copied(found: Survey, path: Path) -> FileContents:
+    if _is_whole(found):
+        shutil.copyfile(found.path, path)
+        return found.contents
+    assert found.scan is not None
+    return _copy(found, path, _COMPRESSIONS.get(found.scan.compression))
 
 
 def _copy(found: Survey, path: Path, compression: CompressionType | None) -> FileContents:

@@ -308,7 +308,10 @@ def check_model(robot: Robot) -> None:
     efforts = zip(robot.joints, robot.limits.effort, strict=True)
     weak = [joint for joint, most in efforts if not most > 0]
     if weak:
-        raise RobotError(f"the URDF has an effort limit of 0 for {', '.join(weak)}")
+        raise RobotError(
+            f"the URDF has an effort limit of 0 for {', '.join(weak)}; expected what each can "
+            "exert, in effort of its <limit>"
+        )
     if robot.mount:
         raise RobotError(
             f"{', '.join(robot.mount)} can turn between the root of the URDF and base_frame "

@@ -15,7 +15,8 @@ import yaml
 
 from eulerparams_control.errors import ConfigurationError, RobotError, UnknownNameError
 from eulerparams_control.resources import config_file
-from eulerparams_control.robot.urdf import UrdfTree, joint_limits
+from eulerparams_control.robot.urdf import UrdfTree, joint_limits, refuse_motionless
+from eulerparams_control.robot.urdf_text import read_urdf
 
 _KEYS = ("description", "urdf", "base_frame", "tip_frame", "sensor_frame", "joints", "home")
 
@@ -53,7 +54,7 @@ def load_robot(name_or_path: str) -> RobotDescription:
         ConfigurationError: if its YAML file is broken.
         RobotError: if its URDF is broken, or lacks a frame or a joint.
     """
-    if name_or_path.endswith(".urdf"):
+    if name_or_path.endswith((".urdf", ".xacro", ".xml")):
         return _describe(Path(name_or_path).stem, Path(name_or_path), {})
     is_path = name_or_path.endswith(".yaml")
     file = Path(name_or_path) if is_path else config_file("robots", name_or_path)
@@ -108,9 +109,7 @@ def _package_folders(package: str) -> Iterator[Path]:
 
 def _describe(name: str, path: Path, entry: Mapping[str, Any]) -> RobotDescription:
     try:
-        if path.exists() and not path.is_file():  # a pipe would be waited for
-            raise OSError(f"{path} is no file")
-        text = path.read_text(encoding="utf-8")
+        text = read_urdf(path)
         tree = UrdfTree(text)
         base = tree.link(str(entry.get("base_frame", tree.root)))
         tip = tree.link(str(entry.get("tip_frame") or _last_link(tree)))
@@ -146,6 +145,8 @@ def _joints(tree: UrdfTree, base: str, tip: str, names: Any) -> tuple[str, ...]:
             raise UnknownNameError("joint", joint, moving)
     if not joints or list(joints) != sorted(set(joints), key=moving.index):
         raise RobotError(f"joints must be some of {', '.join(moving)}, from base to tip")
+    for joint in joints:
+        refuse_motionless(tree.joints[joint])
     return joints
 
 

@@ -5,6 +5,7 @@ it when a robot is made, in its reference frame LOCAL_WORLD_ALIGNED, turned into
 """
 
 import math
+import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -17,7 +18,14 @@ from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.frames import AT_ORIGIN, Placement
 from eulerparams_control.robot import chain
-from eulerparams_control.robot.urdf import MOVING, UrdfTree, attribute, joint_friction, joint_limits
+from eulerparams_control.robot.urdf import (
+    MOVING,
+    UrdfTree,
+    attribute,
+    joint_friction,
+    joint_limits,
+    refuse_motionless,
+)
 
 _REFERENCE = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
@@ -175,9 +183,7 @@ class Robot:
         self.friction = JointFriction(
             *np.array([joint_friction(tree.joints[joint]) for joint in self.joints]).T
         )
-        if not np.all(self.limits.velocity > 0):
-            raise RobotError("the URDF has a velocity limit of 0 for a joint that has to move")
-        self._model = _reduced_model(urdf, self.joints)
+        self._model = _model_of(tree, self.joints)
         self._model.gravity.linear = np.array(gravity, dtype=float)
         self._tip = self._model.getFrameId(self.tip_frame, _LINK)
         if tool is not None:
@@ -189,14 +195,17 @@ class Robot:
         self.chain = self._chain()
         self._refuse_other_model()
 
-    def refuse_locked(self) -> None:
-        """Raise RobotError, with what helps, if a joint from base to tip moves, but is not active.
+    def refuse_joints(self) -> None:
+        """Raise RobotError, with what helps, if the joints from base to tip cannot be controlled.
 
-        Such a joint is held at 0 in the model, and nowhere else.
+        One that moves but is not active is held at 0 in the model, and nowhere else; the limits
+        of one that is active may not let it move.
         """
+        joints = self._tree.joints
+        for joint in self.joints:
+            refuse_motionless(joints[joint])
         if not self.locked:
             return
-        joints = self._tree.joints
         between = f"between {self.base_frame} and {self.tip_frame}"
         for joint in self.locked:
             mimic, kind = joints[joint].find("mimic"), joints[joint].get("type")
@@ -419,11 +428,15 @@ def _active_joints(tree: UrdfTree, base: str, tip: str, joints: Sequence[str]) -
     return active
 
 
-def _reduced_model(urdf: str, joints: tuple[str, ...]) -> pin.Model:
-    """Return the Pinocchio model in which only ``joints`` move."""
+def _model_of(tree: UrdfTree, joints: tuple[str, ...]) -> pin.Model:
+    """Return the Pinocchio model in which only ``joints`` move.
+
+    It names no joint, so that none is taken for a link, or for Pinocchio's own 'universe'.
+    """
+    robot = tree.moving_only(joints)
+    for number, joint in enumerate(robot.iter("joint")):
+        joint.set("name", f"joint_{number}")
     try:
-        model = pin.buildModelFromXML(urdf)
-        locked = [model.getJointId(name) for name in model.names[1:] if name not in joints]
-        return pin.buildReducedModel(model, locked, pin.neutral(model))
+        return pin.buildModelFromXML(ET.tostring(robot, encoding="unicode"))
     except Exception as error:  # it leaks any type
         raise RobotError(f"Pinocchio cannot read the URDF: {error}") from error

@@ -1,26 +1,34 @@
-"""A URDF as the tree of links and joints that it must be, whoever sent it.
+"""A URDF, read once, whoever sent it: the tree of links and joints that it must be.
 
-Its XML is parsed without entities, files or endless nesting.  The mass of a link is checked:
-Pinocchio leaves out an ``<inertial>`` that it cannot read and goes on with a massless link, so
-that the arm would be held with too little effort, and PyBullet takes it for another one.
+What counts is checked and written anew, numbers as numbers and axes of length 1, and only that is
+given to Pinocchio and PyBullet, so that both see the same arm.  By itself Pinocchio goes on with a
+massless link where it cannot read an ``<inertial>``, so that the arm would be held with too little
+effort, and PyBullet takes the length of an ``<axis>`` for a factor of the joint's motion.
 """
 
+import copy
 import math
 import xml.etree.ElementTree as ET
-from typing import NamedTuple, NoReturn
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
+from typing import NamedTuple
 
 from eulerparams_control.errors import RobotError, UnknownNameError
+from eulerparams_control.robot.urdf_text import EXPECTED, parse
 
 LARGEST = 1e9
 """No length, mass or inertia of an arm is larger; what is would overflow sooner or later."""
 
-_LONGEST_TEXT = 64_000_000  # characters
-_DEEPEST = 50  # elements within elements; robots have seven
+NO_LIMIT = 1e12
+"""Stands for infinity where Pinocchio and PyBullet need a number."""
 
 _ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 # Entries of bodies that are points have a rounded zero on their diagonal [kg m^2].
 _ROUNDING = 1e-9
+
+# An axis that is shorter is a zero with rounding.
+_SHORTEST_AXIS = 1e-9
 
 MOVING = ("revolute", "continuous", "prismatic")
 """The types of joints of one degree of freedom."""
@@ -30,50 +38,21 @@ _TYPES = (*MOVING, "fixed", "floating", "planar")
 # More than any robot has: parsers in C++ go down a chain by recursion, until the stack is full.
 _MOST_LINKS = 5000
 _LONGEST_CHAIN = 200
+_LONGEST_NAME = 1000  # characters; PyBullet writes a longer one over other memory
 
 COULOMB_SPEED = 0.05
 """Coulomb friction is tanh(dq / COULOMB_SPEED) [rad/s] of its value; a step would chatter."""
 
-
-class _Builder(ET.TreeBuilder):
-    """Builds the tree; refuses what a URDF does not need and a hostile one has."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._depth = 0
-
-    def doctype(self, *_: object) -> NoReturn:
-        """Refuse a DOCTYPE: only by it come entities, which grow without bound or name files."""
-        raise RobotError("not a URDF: it has a DOCTYPE; remove it")
-
-    def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
-        """Begin an element."""
-        self._depth += 1
-        if self._depth > _DEEPEST:
-            raise RobotError(f"not a URDF: more than {_DEEPEST} elements within each other")
-        return super().start(tag, attrs)
-
-    def end(self, tag: str, /) -> ET.Element:
-        """End an element."""
-        self._depth -= 1
-        return super().end(tag)
+_LIMIT = '<limit lower="-3.1" upper="3.1" effort="100" velocity="2"/>'
 
 
-def parse(text: str) -> ET.Element:
-    """Return the ``<robot>`` of an XML text.
-
-    Raises:
-        RobotError: if it is not XML, not a URDF, longer or deeper than a URDF is, or has a DOCTYPE.
-    """
-    if len(text) > _LONGEST_TEXT:
-        raise RobotError(f"the URDF has {len(text)} characters; expected at most {_LONGEST_TEXT}")
+@contextmanager
+def _naming(owner: str) -> Iterator[None]:
+    """Let a refusal begin with what it is about."""
     try:
-        root = ET.fromstring(text, parser=ET.XMLParser(target=_Builder()))
-    except (ET.ParseError, ValueError) as error:  # the latter for text that no file can have
-        raise RobotError(f"not valid XML: {error}") from error
-    if root.tag != "robot":
-        raise RobotError(f"not a URDF: the root element is <{root.tag}>, expected <robot>")
-    return root
+        yield
+    except RobotError as error:
+        raise RobotError(f"{owner}: {error}") from error
 
 
 def attribute(element: ET.Element, name: str) -> str:
@@ -88,15 +67,30 @@ def attribute(element: ET.Element, name: str) -> str:
     return value
 
 
-def number(text: str) -> float:
-    """Return a number as URDF has it; Python's ``1_0`` or digits of other scripts are none.
+def _number(text: str) -> float:
+    """Return a number as URDF has it, NaN if it is none: neither ``1_0`` nor other digits are."""
+    if "_" in text or not text.isascii():
+        return math.nan
+    try:
+        value = float(text)
+    except ValueError:
+        return math.nan
+    return math.nan if math.isinf(value) and "inf" not in text.lower() else value
+
+
+def number(element: ET.Element, name: str, default: str | None = None) -> float:
+    """Return the number of an attribute; it may be infinite.
 
     Raises:
-        ValueError: if it is none.
+        RobotError: if it is no number, or is not there and there is no default.
     """
-    if "_" in text or not text.isascii():
-        raise ValueError(f"could not convert string to float: {text!r}")
-    return float(text)
+    text = attribute(element, name) if default is None else element.get(name, default)
+    value = _number(text)
+    if math.isnan(value):
+        raise RobotError(
+            f"{name} of its <{element.tag}> is '{text}'; expected a number, as 0.5 or 1e-3"
+        )
+    return value
 
 
 def numbers(element: ET.Element, name: str, default: str) -> list[float]:
@@ -106,15 +100,18 @@ def numbers(element: ET.Element, name: str, default: str) -> list[float]:
         RobotError: if they are not.
     """
     text = element.get(name, default)
-    try:
-        values = [number(word) for word in text.split()]
-    except ValueError as error:
-        raise RobotError(f"{name} of a <{element.tag}>: {error}") from error
+    values = [_number(word) for word in text.split()]
     if len(values) != 3 or not all(map(is_plausible, values)):
         raise RobotError(
-            f"{name} of a <{element.tag}> is '{text}'; expected three numbers up to {LARGEST:g}"
+            f"{name} of its <{element.tag}> is '{text}'; expected three numbers up to {LARGEST:g} "
+            "with blanks between them, as '0 0 0.5'"
         )
     return values
+
+
+def text_of(values: Iterable[float]) -> str:
+    """Return numbers as URDF has them, without loss."""
+    return " ".join(repr(float(value)) for value in values)
 
 
 def is_plausible(value: float) -> bool:
@@ -122,44 +119,78 @@ def is_plausible(value: float) -> bool:
     return math.isfinite(value) and abs(value) <= LARGEST
 
 
-def check_inertial(link: ET.Element) -> None:
-    """Check the ``<inertial>`` of a link; a link without one has no mass.
+def _clean_link(link: ET.Element) -> ET.Element:
+    """Return a link with its checked inertia, if it has one, and its shapes."""
+    clean = ET.Element("link", name=attribute(link, "name"))
+    with _naming(f"link '{clean.get('name')}'"):
+        clean.extend([_clean_inertial(inertial) for inertial in link.findall("inertial")[:1]])
+    clean.extend([part for part in link if part.tag in ("visual", "collision")])
+    return clean
 
-    Raises:
-        RobotError: if mass or inertia is not stated, is no finite number, or is negative.
-    """
-    inertial = link.find("inertial")
-    if inertial is None:
-        return
-    try:
-        _check_origin(inertial)
-        mass = _value(inertial, "mass", "value")
-        entries = {name: _value(inertial, "inertia", name) for name in _ENTRIES}
-    except (ValueError, RobotError) as error:
-        raise RobotError(f"inertial of link '{link.get('name')}': {error}") from error
+
+def _clean_inertial(inertial: ET.Element) -> ET.Element:
+    mass = _plausible(inertial, "mass", "value")
+    entries = {name: _plausible(inertial, "inertia", name) for name in _ENTRIES}
     negative = {name: entries[name] for name in ("ixx", "iyy", "izz") if entries[name] < -_ROUNDING}
     if mass < 0 or negative:
         raise RobotError(
-            f"inertial of link '{link.get('name')}': mass {mass:g} kg, negative moments "
-            f"{negative or 'none'}; expected 0 or more"
+            f"its <inertial> has mass {mass:g} kg, negative moments {negative or 'none'}; expected "
+            "0 or more"
         )
+    clean = ET.Element("inertial")
+    clean.extend(_clean_origin(inertial))
+    ET.SubElement(clean, "mass", value=repr(mass))
+    ET.SubElement(clean, "inertia", {name: repr(entry) for name, entry in entries.items()})
+    return clean
 
 
-def _check_origin(inertial: ET.Element) -> None:
-    origin = inertial.find("origin")
-    if origin is not None:
-        numbers(origin, "xyz", "0 0 0")
-        numbers(origin, "rpy", "0 0 0")
-
-
-def _value(inertial: ET.Element, part: str, name: str) -> float:
+def _plausible(inertial: ET.Element, part: str, name: str) -> float:
     element = inertial.find(part)
     if element is None:
-        raise RobotError(f"a <{inertial.tag}> has no <{part}>")
-    value = number(attribute(element, name))
+        raise RobotError(
+            f"its <inertial> has no <{part}>; expected one, or no <inertial> where there is no mass"
+        )
+    value = number(element, name)
     if not is_plausible(value):
-        raise RobotError(f"{name} of <{part}> is {value:g}; expected a finite number")
+        raise RobotError(f"{name} of its <{part}> is {value:g}; expected at most {LARGEST:g}")
     return value
+
+
+def _clean_origin(element: ET.Element) -> list[ET.Element]:
+    """Return the ``<origin>`` of a joint or an inertia in a list, which is empty if it has none."""
+    origins = [
+        (numbers(o, "xyz", "0 0 0"), numbers(o, "rpy", "0 0 0"))
+        for o in element.findall("origin")[:1]
+    ]
+    return [ET.Element("origin", xyz=text_of(xyz), rpy=text_of(rpy)) for xyz, rpy in origins]
+
+
+def _clean_joint(joint: ET.Element) -> ET.Element:
+    """Return a joint with its checked place and ends; its limits are checked where it moves."""
+    name = attribute(joint, "name")
+    with _naming(f"joint '{name}'"):
+        kind = attribute(joint, "type")
+        clean = ET.Element("joint", name=name, type=kind)
+        clean.extend(_clean_origin(joint))
+        for end in ("parent", "child"):
+            element = joint.find(end)
+            if element is None:
+                raise RobotError(f"it has no <{end}>")
+            ET.SubElement(clean, end, link=attribute(element, "link"))
+        if kind in MOVING:
+            ET.SubElement(clean, "axis", xyz=text_of(_unit_axis(joint)))
+    kept = ("limit", "safety_controller", "mimic", "dynamics")
+    clean.extend([part for part in joint if part.tag in kept])
+    return clean
+
+
+def _unit_axis(joint: ET.Element) -> list[float]:
+    axis = joint.find("axis")
+    direction = [1.0, 0.0, 0.0] if axis is None else numbers(axis, "xyz", "1 0 0")
+    length = math.hypot(*direction)
+    if length < _SHORTEST_AXIS:
+        raise RobotError("its axis is zero; expected a direction, as xyz='0 0 1'")
+    return [value / length for value in direction]
 
 
 class Limits(NamedTuple):
@@ -178,25 +209,29 @@ class UrdfTree:
         text: the XML text.
 
     Attributes:
-        element: the parsed ``<robot>``.
+        element: the ``<robot>`` of what counts: links with inertia and shapes, joints, materials.
         links: the names of the links, in the order of the file.
         joints: the ``<joint>`` of each name, in the order of the file.
         root: the link that no joint carries.
 
     Raises:
         RobotError: if the text is not XML, not a URDF, or not one tree; if a name is there twice;
-            if the limits or the place of a joint, or the mass of a link, are impossible.
+            if the place of a joint, or the mass of a link, is impossible.
     """
 
     def __init__(self, text: str) -> None:
-        self.element = parse(text)
-        links, joints = self.element.findall("link"), self.element.findall("joint")
+        robot = parse(text)
+        links, joints = robot.findall("link"), robot.findall("joint")
         self.links = _names("link", links)
-        self.joints = dict(zip(_names("joint", joints), joints, strict=True))
+        if not links:
+            raise RobotError(f"the robot description has no <link>, as an SRDF; {EXPECTED}")
+        self.joints = dict(zip(_names("joint", joints), map(_clean_joint, joints), strict=True))
+        self.element = ET.Element("robot", name=robot.get("name", "robot"))
+        self.element.extend(robot.findall("material"))
+        self.element.extend([_clean_link(link) for link in links])
+        self.element.extend(self.joints.values())
         self._above: dict[str, str] = {}  # link -> the joint that carries it
         self._connect()
-        for link in links:
-            check_inertial(link)
         roots = [link for link in self.links if link not in self._above]
         if len(roots) != 1:
             raise RobotError(f"expected one root link, found {len(roots)}: {', '.join(roots[:20])}")
@@ -205,14 +240,13 @@ class UrdfTree:
 
     def _connect(self) -> None:
         known = set(self.links)
-        for name, joint in self.joints.items():
+        for name in self.joints:
             for end in ("parent", "child"):
                 if self.end(name, end) not in known:
                     raise RobotError(f"joint '{name}': no link '{self.end(name, end)}' as {end}")
             if self.end(name, "child") in self._above:
                 raise RobotError(f"link '{self.end(name, 'child')}' has two parents")
             self._above[self.end(name, "child")] = name
-            _check_joint(name, joint)
 
     def _check_chains(self) -> None:
         """Raise RobotError unless the root carries every link, by a chain that is not too long."""
@@ -233,10 +267,7 @@ class UrdfTree:
 
     def end(self, joint: str, end: str) -> str:
         """Return the link at the ``parent`` or at the ``child`` end of a joint."""
-        element = self.joints[joint].find(end)
-        if element is None:
-            raise RobotError(f"joint '{joint}' has no <{end}>")
-        return attribute(element, "link")
+        return self.joints[joint].find(end).attrib["link"]  # type: ignore[union-attr]
 
     def link(self, name: str) -> str:
         """Return ``name``.
@@ -267,18 +298,54 @@ class UrdfTree:
         return names[::-1]
 
     def moving(self, base: str, tip: str) -> tuple[str, ...]:
-        """Return the moving joints from ``base`` to ``tip`` that mimic no other."""
+        """Return the moving joints from ``base`` to ``tip`` that mimic no other.
+
+        Raises:
+            RobotError: if ``base`` does not carry ``tip``, or by a joint of an unknown type.
+        """
         chain = [self.joints[name] for name in self.chain(base, tip)]
+        for joint in chain:
+            if (kind := joint.get("type")) not in _TYPES:
+                unknown = UnknownNameError("type", kind, _TYPES)
+                raise RobotError(f"joint '{joint.get('name')}': {unknown}")
         free = (j for j in chain if j.get("type") in MOVING and j.find("mimic") is None)
         return tuple(attribute(joint, "name") for joint in free)
+
+    def moving_only(self, joints: Collection[str], shapes: Collection[str] = ()) -> ET.Element:
+        """Return the ``<robot>`` in which only some joints move, for Pinocchio and PyBullet.
+
+        The others are fixed at 0.  Nothing has friction.
+
+        Args:
+            joints: that move.
+            shapes: which of "visual" and "collision" the links keep.
+
+        Raises:
+            RobotError: if the limits of one of the joints are impossible.
+        """
+        robot = ET.Element("robot", name="robot")
+        robot.extend(self.element.findall("material") if shapes else ())
+        for link in self.element.findall("link"):
+            kept = ET.SubElement(robot, "link", link.attrib)
+            kept.extend([part for part in link if part.tag in ("inertial", *shapes)])
+        for name, joint in self.joints.items():
+            moves = name in joints
+            kind = joint.get("type", "") if moves else "fixed"
+            kept = ET.SubElement(robot, "joint", name=name, type=kind)
+            tags = ("origin", "parent", "child", *("axis",) * moves)
+            kept.extend([part for part in joint if part.tag in tags])
+            if moves:
+                limits = (min(max(v, -NO_LIMIT), NO_LIMIT) for v in joint_limits(joint))
+                stated = dict(zip(Limits._fields, map(repr, limits), strict=True))
+                ET.SubElement(kept, "limit", stated)
+        return copy.deepcopy(robot)
 
 
 def _names(kind: str, elements: list[ET.Element]) -> list[str]:
     """Return the names of links or joints, in the order of the file.
 
     Raises:
-        RobotError: if there are too many, or one is empty, there twice, or that of Pinocchio's
-            own joint.
+        RobotError: if there are too many, or one is empty or there twice.
     """
     if len(elements) > _MOST_LINKS:
         raise RobotError(f"the URDF has {len(elements)} {kind}s; expected at most {_MOST_LINKS}")
@@ -287,67 +354,74 @@ def _names(kind: str, elements: list[ET.Element]) -> list[str]:
     for name in names:
         if not name.strip():
             raise RobotError(f"a {kind} has an empty name")
+        if len(name) > _LONGEST_NAME:
+            raise RobotError(f"a {kind} has a name of {len(name)} characters; expected fewer")
         if name in seen:
             raise RobotError(f"two {kind}s have the name '{name}'; expected one")
-        if kind == "joint" and name == "universe":
-            raise RobotError("a joint has the name 'universe', which Pinocchio keeps for itself")
         seen.add(name)
     return names
 
 
-def _check_joint(name: str, joint: ET.Element) -> None:
-    """Raise RobotError if type, axis, place or limits of a joint are impossible."""
-    kind = attribute(joint, "type")
-    if kind not in _TYPES:
-        raise RobotError(f"joint '{name}': {UnknownNameError('type', kind, _TYPES)}")
-    try:
-        for element in joint.findall("origin"):
-            numbers(element, "xyz", "0 0 0")
-            numbers(element, "rpy", "0 0 0")
-        axis = joint.find("axis")
-        if axis is not None and not any(numbers(axis, "xyz", "1 0 0")) and kind in MOVING:
-            raise RobotError("its axis is zero; expected a direction")
-        _check_limit(kind, joint.find("limit"))
-    except RobotError as error:
-        raise RobotError(f"joint '{name}': {error}") from error
-    joint_limits(joint)
-
-
-def _check_limit(kind: str, limit: ET.Element | None) -> None:
-    """Raise RobotError if a joint that moves lacks what Pinocchio and PyBullet ask for."""
-    if kind not in MOVING or (kind == "continuous" and limit is None):
-        return
-    stated = {} if limit is None else limit.attrib
-    if lacks := [name for name in ("effort", "velocity") if name not in stated]:
-        what = "<limit> is missing" if limit is None else f"<limit> has no {' and no '.join(lacks)}"
-        raise RobotError(
-            f"its {what}; expected <limit lower=... upper=... effort=... velocity=.../> of a joint "
-            f"that is {kind} (one that turns without end is continuous)"
-        )
-
-
 def joint_limits(joint: ET.Element) -> Limits:
-    """Return the limits of a ``<joint>``.
+    """Return the limits of a ``<joint>``, those of its ``<safety_controller>`` among them.
 
     Raises:
-        RobotError: if one is not a number, negative where it must not be, or if the
-            lower one exceeds the upper one.
+        RobotError: if it has none though it needs them, or if they are impossible.
     """
-    element = joint.find("limit")
-    stated = {} if element is None else element.attrib
-    default = "inf" if element is None or joint.get("type") == "continuous" else "0"
-    try:
-        limits = Limits(
-            -math.inf if default == "inf" else number(stated.get("lower", default)),
-            math.inf if default == "inf" else number(stated.get("upper", default)),
-            number(stated.get("velocity", "inf")),
-            number(stated.get("effort", "inf")),
+    with _naming(f"joint '{joint.get('name')}'"):
+        if (kind := joint.get("type")) not in MOVING:
+            raise RobotError(f"its type is '{kind}'; expected {', '.join(MOVING)}")
+        turns, limit = kind == "continuous", joint.find("limit")
+        if limit is None and turns:
+            return Limits(-math.inf, math.inf, math.inf, math.inf)
+        if limit is None:
+            raise RobotError(
+                f"its <limit> is missing; expected {_LIMIT} (one that turns without end is "
+                "continuous)"
+            )
+        if lacks := [name for name in ("effort", "velocity") if name not in limit.attrib]:
+            raise RobotError(f"its <limit> has no {' and no '.join(lacks)}; expected {_LIMIT}")
+        lower, upper = (-math.inf, math.inf) if turns else _positions(joint, limit)
+        limits = Limits(lower, upper, number(limit, "velocity"), number(limit, "effort"))
+        if limits.velocity < 0.0 or limits.effort < 0.0:
+            raise RobotError(
+                f"its <limit> has velocity {limits.velocity:g}, effort {limits.effort:g}; expected "
+                "more than 0"
+            )
+        return limits
+
+
+def _positions(joint: ET.Element, limit: ET.Element) -> tuple[float, float]:
+    """Return the lower and the upper limit of a joint that has them."""
+    lower, upper = number(limit, "lower", "0"), number(limit, "upper", "0")
+    if lower > upper:
+        raise RobotError(f"its <limit> has lower {lower:g} above upper {upper:g}; swap them")
+    soft = joint.find("safety_controller")
+    if soft is None:
+        return lower, upper
+    stated = number(soft, "soft_lower_limit", "-inf"), number(soft, "soft_upper_limit", "inf")
+    if stated == (0.0, 0.0):  # what exporters write who know none
+        return lower, upper
+    within = max(lower, stated[0]), min(upper, stated[1])
+    if within[0] > within[1]:
+        raise RobotError(
+            f"the soft limits of its <safety_controller>, {stated[0]:g} ... {stated[1]:g}, leave "
+            f"nothing of {lower:g} ... {upper:g}; expected a range within it"
         )
-    except ValueError as error:
-        raise RobotError(f"limits of joint '{joint.get('name')}': {error}") from error
-    if not (limits.lower <= limits.upper and limits.velocity >= 0.0 and limits.effort >= 0.0):
-        raise RobotError(f"impossible limits of joint '{joint.get('name')}': {limits}")
-    return limits
+    return within
+
+
+def refuse_motionless(joint: ET.Element) -> None:
+    """Raise RobotError, with what helps, if the limits of a joint do not let it move."""
+    limits = joint_limits(joint)
+    name = f"joint '{joint.get('name')}' cannot move: its"
+    if limits.lower == limits.upper:
+        raise RobotError(
+            f"{name} position limits are {limits.lower:g} ... {limits.upper:g} (what is not stated "
+            f"is 0); expected {_LIMIT}, type='continuous' if it turns without end, or type='fixed'"
+        )
+    if limits.velocity == 0.0:
+        raise RobotError(f"{name} velocity limit is 0; expected more, as {_LIMIT}")
 
 
 def joint_friction(joint: ET.Element) -> tuple[float, float]:
@@ -359,14 +433,13 @@ def joint_friction(joint: ET.Element) -> tuple[float, float]:
         RobotError: if one is not a finite number of 0 or more.
     """
     element = joint.find("dynamics")
-    stated = {} if element is None else element.attrib
-    try:
-        viscous, coulomb = number(stated.get("damping", "0")), number(stated.get("friction", "0"))
-    except ValueError as error:
-        raise RobotError(f"dynamics of joint '{joint.get('name')}': {error}") from error
-    if not (0.0 <= viscous < math.inf and 0.0 <= coulomb < math.inf):
-        raise RobotError(
-            f"dynamics of joint '{joint.get('name')}': damping {viscous}, friction {coulomb}; "
-            "expected finite numbers of 0 or more"
-        )
-    return viscous, coulomb
+    if element is None:
+        return 0.0, 0.0
+    with _naming(f"joint '{joint.get('name')}'"):
+        viscous, coulomb = number(element, "damping", "0"), number(element, "friction", "0")
+        if not (0.0 <= viscous < math.inf and 0.0 <= coulomb < math.inf):
+            raise RobotError(
+                f"its <dynamics> has damping {viscous:g}, friction {coulomb:g}; expected finite "
+                "numbers of 0 or more"
+            )
+        return viscous, coulomb

@@ -157,7 +157,7 @@ class ManagedNode(LifecycleNode):
                     "URDF on the topic robot_description (transient local)"
                 )
             robot = self._params.robot(self._description)
-            robot.refuse_locked()
+            robot.refuse_joints()
             # refuses now what activation would refuse
             self.make_scheme(robot, self._params.limits(robot))
             self._loaded = load_laws(self._params, robot)

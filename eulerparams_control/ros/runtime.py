@@ -27,6 +27,13 @@ UnknownROSArgsError = rclpy_implementation.UnknownROSArgsError
 # How often the loop looks whether a signal came; messages are handled at once.
 _POLL_SECONDS = 0.05
 
+# ROS reads the value of a parameter as YAML, in which ": " and " #" are no text.
+_XML_AS_PARAMETER = (
+    "the XML after -p {name}:= is no YAML value; expected it in a parameter file: --ros-args "
+    "--params-file robot.yaml, which is made by: (printf '/**:\\n  ros__parameters:\\n    {name}: "
+    "|2\\n'; sed 's/^/      /' FILE.urdf) > robot.yaml"
+)
+
 # What moves is given this long to come to rest after a signal.
 _STOP_SECONDS = 3.0
 
@@ -79,6 +86,8 @@ def _run(make_node: Callable[[], Node], args: list[str] | None) -> tuple[ExitCod
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     except (RCLError, UnknownROSArgsError) as error:  # a parameter file that is not there, say
+        if xml := next((arg for arg in own if arg.partition(":=")[2].lstrip().startswith("<")), ""):
+            return ExitCode.ERROR, _XML_AS_PARAMETER.format(name=xml.partition(":=")[0])
         text = " ".join(str(error).partition(", at /")[0].split())
         return ExitCode.ERROR, (
             f"{text}; in the folder {Path.cwd()}; a parameter is given as -p NAME:=VALUE"

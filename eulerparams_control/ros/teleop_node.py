@@ -40,6 +40,8 @@ _KEYS = {
     for key, sign in zip(pair, (1.0, -1.0), strict=True)
 }
 _FASTER = {"+": 1.25, "=": 1.25, "-": 0.8}
+AXES = ("x", "y", "z", "roll", "pitch", "yaw")
+_NEUTRAL = 0.01  # an axis is neutral within this, whatever the deadzone
 _LEAST, _MOST = 0.05, 4.0  # times the speeds of the parameters
 _SEQUENCE = re.compile(r"\x1b[\[O][0-9;]*.")  # of arrows and the like: letters, but no keys of ours
 
@@ -60,10 +62,7 @@ class Deflection:
         self.axes, self.until = np.zeros(6), -math.inf
 
     def take(self, axes: Array, deadzone: float, until: float) -> None:
-        """Ask for axes (6,) until a time [s]; raises InvalidMessageError if one is not finite."""
-        if not np.isfinite(axes).all():
-            self.stop()
-            raise InvalidMessageError(f"the device says {axes.tolist()}; expected finite numbers")
+        """Ask for axes (6,) until a time [s]."""
         axes = np.clip(axes, -1.0, 1.0)
         beyond = np.maximum(np.abs(axes) - deadzone, 0.0) / (1.0 - deadzone)  # without a jump
         self.axes, self.until = np.sign(axes) * beyond, until
@@ -71,6 +70,54 @@ class Deflection:
     def now(self, t: float) -> Array:
         """Return the axes (6,) at the time t [s]; zeros if they are too old."""
         return self.axes if t < self.until else np.zeros(6)
+
+
+class Interlock:
+    """Lets an axis pass once it was neutral while the dead-man button was pressed.
+
+    So what rests elsewhere, as a trigger or a stick that drifts, moves nothing, nor does what is
+    deflected when the button is pressed.  The button has to be seen released before; a device
+    without one is as if it were pressed always.
+
+    Attributes:
+        waits_for: why not all passes, for people; "" if it does.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew, after a silence of the device or a message that is not valid."""
+        self.waits_for, self._was_released, self._neutral = "", False, np.zeros(6, dtype=bool)
+
+    def passing(self, axes: Array, pressed: bool | None, neutral: float) -> Array:
+        """Return the axes (6,) of which those that may not pass are 0.
+
+        Args:
+            axes: from -1 to 1; finite.
+            pressed: whether the button is; None if there is none.
+            neutral: deflection that counts as none.
+        """
+        self.waits_for = ""
+        if pressed is False:
+            self._was_released, self._neutral[:] = True, False
+            return np.zeros(6)
+        if pressed and not self._was_released:
+            self.waits_for = "the dead-man button, pressed from the start: release it"
+            return np.zeros(6)
+        self._neutral |= np.abs(axes) <= neutral
+        if not self._neutral.all():
+            off = ", ".join(
+                f"{name} at {value:.2f}"
+                for name, value, passes in zip(AXES, axes, self._neutral, strict=True)
+                if not passes
+            )
+            self.waits_for = (
+                f"axes that were not neutral since the start or the dead-man button: {off}; let go "
+                "of them. What rests there, as a trigger, is none for axes; a drift asks for a "
+                "larger deadzone"
+            )
+        return np.where(self._neutral, axes, 0.0)
 
 
 class Terminal:
@@ -113,6 +160,7 @@ class TeleopNode(Node):
         self._health = diagnostics.Health(self)
         p = self._params = declare(self, self.parameters_type)
         self._wish, self._factor, self._moves = Deflection(), 1.0, False
+        self._interlock, self._heard = Interlock(), -math.inf  # when a message came last [s]
         self._publisher = self.create_publisher(TwistStamped, "target_twist", QOS)
         self._terminal: Terminal | None = None
         if p.device == KEYBOARD:
@@ -129,11 +177,25 @@ class TeleopNode(Node):
         try:
             refuse_two_publishers(self, self._input)
             p = self._params
-            axes = _axes_of_twist(msg) if isinstance(msg, Twist) else _axes_of_joy(msg, p)
-            self._wish.take(axes * p.signs, p.deadzone, steady.now() + p.joy_timeout)
+            is_twist, now = isinstance(msg, Twist), steady.now()
+            axes, pressed = (_axes_of_twist(msg), None) if is_twist else _axes_of_joy(msg, p)
+            if not np.isfinite(axes).all():
+                raise InvalidMessageError(
+                    f"the device says {axes.tolist()}; expected finite numbers"
+                )
+            if now > self._heard + p.joy_timeout:
+                self._interlock.reset()
+            self._heard = now
+            passing = self._interlock.passing(axes * p.signs, pressed, max(p.deadzone, _NEUTRAL))
+            self._wish.take(passing, p.deadzone, now + p.joy_timeout)
         except InvalidMessageError as error:
             self._wish.stop()
+            self._interlock.reset()
             self._health.reject(self._input.topic_name.lstrip("/"), error)
+        self._health.values["waits for"] = self._interlock.waits_for
+        if self._interlock.waits_for:
+            self._health.complain(f"waiting for {self._interlock.waits_for}", about="interlock")
+            self._health.warn("waiting for axes or the dead-man button")
 
     def _on_timer(self) -> None:
         if self._terminal is not None:
@@ -181,8 +243,8 @@ def _axes_of_twist(msg: Twist) -> Array:
     return np.concatenate((vector_from_ros(msg.linear), vector_from_ros(msg.angular)))
 
 
-def _axes_of_joy(msg: Joy, parameters: TeleopParameters) -> Array:
-    """Return the six axes of a joystick, zeros unless its deadman button is pressed.
+def _axes_of_joy(msg: Joy, parameters: TeleopParameters) -> tuple[Array, bool | None]:
+    """Return the six axes of a joystick, and whether its dead-man button is pressed, if any.
 
     Raises:
         InvalidMessageError: if it lacks an axis, or the button.
@@ -193,9 +255,8 @@ def _axes_of_joy(msg: Joy, parameters: TeleopParameters) -> Array:
             f"joy has {len(msg.axes)} axes and {len(msg.buttons)} buttons; expected the axes "
             f"{list(parameters.axes)} and the deadman button {button}: set axes and deadman"
         )
-    if button != NO_AXIS and not msg.buttons[button]:
-        return np.zeros(6)
-    return np.array([0.0 if i == NO_AXIS else msg.axes[i] for i in parameters.axes])
+    axes = np.array([0.0 if i == NO_AXIS else msg.axes[i] for i in parameters.axes])
+    return axes, None if button == NO_AXIS else bool(msg.buttons[button])
 
 
 def main(args: list[str] | None = None) -> int:

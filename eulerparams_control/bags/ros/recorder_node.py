@@ -1,6 +1,6 @@
 """The node ``bag_recorder``: messages as they come, serialised, into a bag.
 
-``bag_recorder --recover BAG`` makes a killed recording whole as far as it goes.
+``bag_recorder --recover BAG`` makes a whole bag beside a killed recording, as far as it goes.
 """
 
 import dataclasses

@@ -185,11 +185,15 @@ def clear_parts(record: RunRecord) -> None:
 def join(record: RunRecord) -> None:
     """Complete a bag whose recorder was killed: what each recorder left becomes a file of it."""
     for number, part in enumerate(_parts(record), 1):
-        recover(part)
+        whole = recover(part).bag
         file = record.bag / f"{record.bag.name}_{number}.mcap"
-        (part / f"{part.name}_0.mcap").rename(file)
-        shutil.rmtree(part)
-    recover(record.bag)
+        (whole / f"{part.name}_0.mcap").rename(file)
+        for folder in {part, whole}:
+            shutil.rmtree(folder)
+    whole = recover(record.bag).bag
+    if whole != record.bag:
+        shutil.rmtree(record.bag)
+        whole.rename(record.bag)
 
 
 def _parts(record: RunRecord) -> list[Path]:
