@@ -1,7 +1,6 @@
 """Admission of references: none that leaps, none that went on through a fault."""
 
 import math
-from bisect import bisect_left
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -111,10 +110,8 @@ class References:
             raise InvalidMessageError(
                 f"the reference starts {-late:.0f} s after joint_states; are their clocks the same?"
             )
-        points = motion.frames
-        if isinstance(motion, Trajectory):  # what is over is not followed
-            points = points[min(bisect_left(motion.times, late), len(points) - 1) :]
-        self._refuse_unreachable(points, here)
+        is_trajectory = isinstance(motion, Trajectory)
+        self._refuse_unreachable(motion.to_come(late) if is_trajectory else motion.frames, here)
         try:
             there = _farthest(motion, here, max(0.0, late))
         except SingularityError as error:
@@ -150,5 +147,5 @@ class References:
 def _farthest(motion: Trajectory | SetPoint, here: DesiredFrame, late: float) -> DesiredFrame:
     """Return the frame of a motion that it may jump to: of a set-point, where its twist ends."""
     if isinstance(motion, Trajectory):
-        return motion.from_frame(here).sample(late)
+        return motion.beginning(here, late)
     return motion.sample(math.inf)
