@@ -62,9 +62,10 @@ class Dilated:
 
     def __init__(self, trajectory: Trajectory, tau: Array, s: Array) -> None:
         self.trajectory, self.slowest = trajectory, float(s.min())
-        steps = np.diff(tau) / ((s[1:] + s[:-1]) / 2)
+        rates, step = s * np.gradient(s, tau), np.diff(tau)
+        # of dtau / s, to the fourth order: else the acceleration ripples
+        steps = step / 2 * (1 / s[1:] + 1 / s[:-1]) + step**2 / 12 * np.diff(rates / s**3)
         times = np.concatenate(([0.0], np.cumsum(steps)))
-        rates = s * np.gradient(s, tau)
         self._times, self._rows = times, np.column_stack((tau, s, rates))
         self.duration = float(times[-1])
 
@@ -117,9 +118,9 @@ class Ramped:
     def sample(self, t: float) -> DesiredFrame:
         """Return the desired frame at t [s]."""
         left = self.duration - t
-        if left <= 0:
-            return self.motion.sample(self._length).at_rest() if self._down else self._end(t)
-        if t < self._up:
+        if left <= 0 and self._down:
+            return self.motion.sample(self._length).at_rest()
+        if self._up and t < self._up:
             tau, u, du = self._ramp(t, self._up)
         elif left < self._down:
             tau, u, du = self._ramp(left, self._down)
@@ -127,9 +128,6 @@ class Ramped:
         else:
             tau, u, du = self._most * (t - self._up / 2), self._most, 0.0
         return self.motion.sample(tau).at_pace(u, du)
-
-    def _end(self, t: float) -> DesiredFrame:
-        return self.motion.sample(self._length + t - self.duration)
 
     def _ramp(self, t: float, T: float) -> tuple[float, float, float]:
         """Return time, rate and its change after t [s] of a ramp of T [s]."""
@@ -141,6 +139,8 @@ def ramped(
     motion: Trajectory | Dilated, rests: tuple[bool, bool], limits: MotionLimits
 ) -> Ramped | None:
     """Return a motion that rests at its start, at its end; None if it is too short for that."""
+    if motion.duration <= 0.0:
+        return None
     T = [
         _shortest_ramp(motion.sample(t), motion.duration, limits) if rests_there else 0.0
         for t, rests_there in zip((0.0, motion.duration), rests, strict=True)

@@ -286,7 +286,7 @@ class Shaper:
         motion: Trajectory | Dilated | Ramped | None
         if isinstance(trajectory, Poses):
             motion, tau = trajectory.passed(self.last, tau, limits)
-            least = _BLEND
+            least = max(_BLEND, -tau)
         else:
             motion = within(trajectory, limits)
             if isinstance(motion, Dilated):
@@ -295,7 +295,7 @@ class Shaper:
             return self._to_rest(self.last, trajectory.frames[-1].at_rest()), 0.0
         self.slowed = motion.slowest
         leg = self._along(motion, 0.0)
-        if is_alike(self.last, motion.sample(tau)):
+        if tau >= 0 and is_alike(self.last, motion.sample(tau)):
             return leg, tau
         plan = join(self.last, motion.sample, tau, limits, least)
         return self._then(plan, self._along(motion, tau + plan.duration), self._brake), 0.0

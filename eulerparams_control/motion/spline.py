@@ -167,17 +167,19 @@ class Poses(Trajectory):
         """Return the motion through the poses, and how far [s] it has come.
 
         It takes the times of the poses if that is within the limits.  Else time gives way, at its
-        ends, too: it gets up to speed along its path, and comes to rest there.  None: it is over
-        before it could stop.
+        ends, too: it gets up to speed along its path, and comes to rest there; where the tip moves
+        it begins at the first pose, which may be yet to come.  None: it is over before it could
+        stop.
         """
         knots = self._knots(here, late, limits.speeds)
-        begin = knots.times[0]
-        knots = knots._replace(times=[t - begin for t in knots.times])
-        late = max(late - begin, 0.0) if self.is_timed else 0.0
         if self.is_timed and is_within(exact := _through(*knots.resting()), limits):
             return exact, late
-        motion = within(_through(*knots[:3]), limits)
-        if isinstance(motion, Dilated):
+        if self.is_timed and knots.known[0] and late < self.times[0] and len(self.times) > 1:
+            knots = knots.later()
+        begin = knots.times[0]
+        motion = within(_through([t - begin for t in knots.times], *knots[1:3]), limits)
+        late = late - begin if self.is_timed else 0.0
+        if isinstance(motion, Dilated) and late > 0.0:
             late = motion.time_at(late)
         return ramped(motion, knots.rests, limits), late
 
@@ -217,6 +219,10 @@ class _Knots(NamedTuple):
     frames: list[DesiredFrame]
     known: list[bool]
     rests: tuple[bool, bool]
+
+    def later(self) -> "_Knots":
+        """Return what is to be passed after the first one."""
+        return _Knots(self.times[1:], self.frames[1:], self.known[1:], (False, self.rests[1]))
 
     def resting(self) -> tuple[list[float], list[DesiredFrame], list[bool]]:
         """Return times, frames, known with ends at rest."""
