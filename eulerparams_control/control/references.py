@@ -110,8 +110,8 @@ class References:
             raise InvalidMessageError(
                 f"the reference starts {-late:.0f} s after joint_states; are their clocks the same?"
             )
-        is_trajectory = isinstance(motion, Trajectory)
-        self._refuse_unreachable(motion.to_come(late) if is_trajectory else motion.frames, here)
+        points = motion.to_come(late) if isinstance(motion, Trajectory) else motion.frames
+        self._refuse_unreachable(points, here)
         try:
             there = _farthest(motion, here, max(0.0, late))
         except SingularityError as error:

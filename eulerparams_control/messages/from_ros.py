@@ -264,6 +264,12 @@ def motion_from_ros(
     if len(frames) == 1 and times[0] <= 0:
         return SetPoint(frames[0], lasting), start
     known = [len(point.velocities) > 0 for point in msg.points]
+    for i, point in enumerate(msg.points):
+        if not known[i] and point.accelerations:
+            raise InvalidMessageError(
+                f"point {i} of the reference has accelerations, and no velocities; expected both, "
+                "or neither: then it is passed through"
+            )
     try:
         if len(frames) == 1 or (any(times) and all(known)):
             return Trajectory(times, frames), start

@@ -44,7 +44,7 @@ _LATE = 0.05
 # A wait of more than this part of the time stops it: an arm that is blocked creeps.
 _STILL = 0.998
 
-# Shortest time [s] in which a motion is joined that passes through poses: it need not be met at once.
+# Shortest time [s] in which a motion through poses is joined: a correction is to be gentle.
 _BLEND = 0.1
 
 # Wait [s] of a set-point between two plans of its stream.

@@ -13,17 +13,16 @@ which nothing is known the acceleration is even.
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.compiled import Row, Rows, entry, kernel
+from eulerparams_control.laws.compiled import Array, Row, Rows, entry, kernel
 from eulerparams_control.laws.linear import Vec, norm
 from eulerparams_control.laws.rotations import body_rates
 from eulerparams_control.motion.dilation import Dilated, Ramped, is_within, ramped, within
-from eulerparams_control.motion.frames import DesiredFrame, distance, read_frame
+from eulerparams_control.motion.frames import DesiredFrame, apart, read_frame
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.trajectories import Trajectory, rotation_vector_at_end
 
@@ -38,8 +37,6 @@ _SHORTEST, _SAME, _SPEEDS = 1e-6, 1e-9, (0.25, 1.0)
 # Each sweep over the poses leaves a quarter of the difference of the accelerations; the change of
 # a velocity [of the largest one] that ends them, and their largest number.
 _SETTLED, _SWEEPS = 1e-7, 50
-
-
 
 
 @kernel
@@ -133,14 +130,18 @@ class Poses(Trajectory):
     def __init__(
         self, times: Sequence[float], frames: Sequence[DesiredFrame], known: Sequence[bool]
     ) -> None:
-        self.is_timed, self.known = any(times), list(known)
+        self.is_timed = any(times)
         super().__init__(times if self.is_timed else range(len(times)), frames)
-        for k, frame in enumerate(self.frames):
-            if not self.is_timed and self.known[k] and (frame.dp_d.any() or frame.omega_d.any()):
-                raise ConfigurationError(
-                    f"point {k} has a velocity, and no point has a time_from_start; expected "
-                    "times, or no velocities: then the limits of the tip say how fast it goes"
-                )
+        self._known = np.array(known)
+        self._rows = np.concatenate([part for frame in frames for part in frame], axis=None)
+        self._rows = self._rows.reshape(-1, 24)
+        moves = self._known & self._rows[:, 12:18].any(axis=1)
+        if not self.is_timed and moves.any():
+            raise ConfigurationError(
+                f"point {np.argmax(moves)} (the first is 0) has a velocity, and no point has a "
+                "time_from_start; expected times, or no velocities: then the limits of the tip "
+                "say how fast it goes"
+            )
 
     def to_come(self, late: float) -> list[DesiredFrame]:
         """See Trajectory."""
@@ -153,13 +154,12 @@ class Poses(Trajectory):
         if late < self.times[0]:
             return here
         k = max(min(bisect_right(self.times, late), len(self.times) - 1), 1)
-        ends = self.frames[k - 1].at_rest(), self.frames[k].at_rest()
+        ends = [frame.at_rest() for frame in self.frames[k - 1 : k + 1]]
         return Trajectory(self.times[k - 1 : k + 1], ends).sample(late)
 
     def from_frame(self, frame: DesiredFrame, late: float = 0.0) -> Trajectory:
         """See Trajectory: it is at rest at its ends, unless the tip moves when it begins."""
-        knots = self._knots(frame, late, _SPEEDS)
-        return _through(*knots.resting())
+        return self._from(frame, late, _SPEEDS).resting().spline
 
     def passed(
         self, here: DesiredFrame, late: float, limits: MotionLimits
@@ -171,39 +171,38 @@ class Poses(Trajectory):
         it begins at the first pose, which may be yet to come.  None: it is over before it could
         stop.
         """
-        knots = self._knots(here, late, limits.speeds)
-        if self.is_timed and is_within(exact := _through(*knots.resting()), limits):
+        knots = self._from(here, late, limits.speeds)
+        if self.is_timed and is_within(exact := knots.resting().spline, limits):
             return exact, late
-        if self.is_timed and knots.known[0] and late < self.times[0] and len(self.times) > 1:
-            knots = knots.later()
-        begin = knots.times[0]
-        motion = within(_through([t - begin for t in knots.times], *knots[1:3]), limits)
-        late = late - begin if self.is_timed else 0.0
+        if self.is_timed and knots.known[0] and late < self.times[0] and len(knots.times) > 2:
+            times, rows, known = knots.times[1:], knots.rows[1:], knots.known[1:]
+            knots = _Knots(times, rows, known, (False, knots.rests[1]))
+        late = late - float(knots.times[0]) if self.is_timed else 0.0
+        motion = within(knots._replace(times=knots.times - knots.times[0]).spline, limits)
         if isinstance(motion, Dilated) and late > 0.0:
             late = motion.time_at(late)
         return ramped(motion, knots.rests, limits), late
 
-    def _knots(self, here: DesiredFrame, late: float, speeds: tuple[float, float]) -> "_Knots":
+    def _from(self, here: DesiredFrame, late: float, speeds: tuple[float, float]) -> "_Knots":
         """Return what is to be passed from where the tip is."""
         moves = bool(here.dp_d.any() or here.omega_d.any())
-        times, frames, known = [*self.times], [*self.frames], [*self.known]
-        rests = not known[0] and not moves
+        times, rows, known = np.array(self.times), self._rows, self._known
+        rests = not (known[0] or moves)
         if not self.is_timed or late < times[0]:
-            times.insert(0, max(late, 0.0))
-            frames.insert(0, here)
-            known.insert(0, moves)
-            rests = not moves
-        ways = [distance(a, b) for a, b in pairwise(frames)]
-        if not self.is_timed:
-            spans = np.maximum(*(np.array(ways).T / np.array(speeds)[:, None]))
-            kept = [0, *(np.flatnonzero(spans > _SHORTEST) + 1).tolist()]
-            at = np.concatenate(([0.0], np.cumsum(spans)))
-            times = at[kept].tolist()
-            frames, known = [frames[k] for k in kept], [known[k] for k in kept]
+            times, rests = np.append(max(late, 0.0), times), not moves
+            rows, known = np.vstack((here.row, rows)), np.append(moves, known)
+        ways = apart.rows(np.hstack((rows[:-1], rows[1:])))[:, :2]
+        if self.is_timed:
+            left = len(times)  # at the end it waits, where poses are the same
+            while left > 1 and not known[left - 1] and ways[left - 2].max() < _SAME:
+                left -= 1
+            kept = np.arange(left)
         else:
-            while len(frames) > 1 and not known[-1] and max(ways.pop()) < _SAME:
-                del times[-1], frames[-1], known[-1]  # it waits there
-        return _Knots(times, frames, known, (rests, not known[-1]))
+            spans = (ways / speeds).max(axis=1)
+            kept = np.append(0, np.flatnonzero(spans > _SHORTEST) + 1)
+            times = np.append(0.0, np.cumsum(spans))
+        known = known[kept]
+        return _Knots(times[kept], rows[kept], known, (rests, not known[-1]))
 
 
 class _Knots(NamedTuple):
@@ -211,36 +210,30 @@ class _Knots(NamedTuple):
 
     Attributes:
         times: (N,) [s].
-        frames, known: (N,) see :class:`Poses`.
+        rows: (N, 24) frames.
+        known: (N,) whether their velocities and accelerations are.
         rests: whether it rests at its start, at its end.
     """
 
-    times: list[float]
-    frames: list[DesiredFrame]
-    known: list[bool]
+    times: Array
+    rows: Array
+    known: Array
     rests: tuple[bool, bool]
 
-    def later(self) -> "_Knots":
-        """Return what is to be passed after the first one."""
-        return _Knots(self.times[1:], self.frames[1:], self.known[1:], (False, self.rests[1]))
-
-    def resting(self) -> tuple[list[float], list[DesiredFrame], list[bool]]:
-        """Return times, frames, known with ends at rest."""
-        frames, known = [*self.frames], [*self.known]
+    def resting(self) -> "_Knots":
+        """Return the same with ends at rest that are known."""
+        rows, known = self.rows.copy(), self.known.copy()
         for end, rests in zip((0, -1), self.rests, strict=True):
             if rests:
-                frames[end], known[end] = frames[end].at_rest(), True
-        return self.times, frames, known
+                rows[end, 12:], known[end] = 0.0, True
+        return self._replace(rows=rows, known=known)
 
-
-def _through(
-    times: Sequence[float], frames: Sequence[DesiredFrame], known: Sequence[bool]
-) -> Trajectory:
-    """Return the spline through frames; what is not known of them is found."""
-    rows = np.array([frame.row for frame in frames])
-    free = ~np.array(known)
-    rows[free, 12:] = 0.0
-    if len(times) > 1:
-        for part in (0, 1):
-            _solve(np.array(times, dtype=float), rows, 1.0 - free, part)
-    return Trajectory(times, [DesiredFrame.of(row) for row in rows])
+    @property
+    def spline(self) -> Trajectory:
+        """The spline through the frames."""
+        rows = self.rows.copy()
+        rows[np.logical_not(self.known), 12:] = 0.0
+        if len(rows) > 1:
+            for part in (0, 1):
+                _solve(self.times, rows, self.known.astype(float), part)
+        return Trajectory(self.times.tolist(), [DesiredFrame.of(row) for row in rows])

@@ -210,7 +210,7 @@ class Trajectory:
         times = [begin + duration * (t - begin) / (end - begin) for t in self.times]
         return Trajectory(times, [frame.at_rest() for frame in self.frames])
 
-    def from_frame(self, frame: DesiredFrame, late: float = 0.0) -> "Trajectory":  # noqa: ARG002
+    def from_frame(self, frame: DesiredFrame, late: float = 0.0) -> "Trajectory":
         """Return the trajectory that starts with ``frame`` if its first time is later.
 
         Args:
