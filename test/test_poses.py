@@ -100,22 +100,23 @@ class Arm:
 
 
 def assert_passes(motion, poses):
-    """Assert that a motion passes poses in their order, as near as its samples show."""
-    begin = 0
-    for pose in poses:
-        away = np.linalg.norm(motion.p[begin:] - pose.p_d, axis=1)
-        angles = np.array([angle_between(R, pose.R_d) for R in motion.R[begin:]])
-        score = away / NEAR[0] + angles / NEAR[1]
-        k = int(np.argmin(score))
-        # between two samples the nearest is on the line
-        p, R = motion.p[begin + k], motion.R[begin + k]
-        v, w = motion.v[begin + k], motion.w[begin + k]
-        e_p, e_o = pose.p_d - p, log(pose.R_d @ R.T)
-        dt = (v @ e_p + w @ e_o) / max(v @ v + w @ w, 1e-12)
-        dt = min(max(dt, -1 / RATE), 1 / RATE)
-        assert np.linalg.norm(e_p - dt * v) < NEAR[0]
-        assert np.linalg.norm(e_o - dt * w) < NEAR[1]
-        begin += max(k - 1, 0)
+    """Assert that a motion passes poses in their order; between samples it goes straight on."""
+    k = 0
+    for number, pose in enumerate(poses):
+        while not is_passed(motion, k, pose):
+            k += 1
+            assert k < len(motion.p), f"pose {number} is not passed"
+
+
+def is_passed(motion, k, pose):
+    """Return whether the motion is at a pose within half a step of its sample k."""
+    e_p, v, w = pose.p_d - motion.p[k], motion.v[k], motion.w[k]
+    if e_p @ e_p > (np.linalg.norm(v) / RATE + NEAR[0]) ** 2:
+        return False
+    e_o = log(pose.R_d @ motion.R[k].T)
+    dt = (v @ e_p + w @ e_o) / max(v @ v + w @ w, 1e-12)
+    dt = min(max(dt, -0.6 / RATE), 0.6 / RATE)
+    return np.linalg.norm(e_p - dt * v) < NEAR[0] and np.linalg.norm(e_o - dt * w) < NEAR[1]
 
 
 def assert_ends_at(motion, pose):
@@ -235,20 +236,20 @@ def test_poses_without_times_are_passed_as_fast_as_the_limits_allow(poses, most,
 
 
 def test_the_way_to_the_first_pose_without_a_time_belongs_to_the_path():
-    poses = [posed(0.04 * X + p) for p in 0.05 * np.arange(4)[:, None] * Y]
-    arm = Arm()
-    arm.run(0.1)
-    arm.send(message(line(9, 0.02)))
-    arm.run(0.6)
-    moving = arm.motion.v[-1]
-    assert moving[1] > 0.2
-    here = arm.motion.p[-1] - START.p_d
-    arm.send(message([posed(here + p) for p in ([0.01, 0.03, 0], [0.04, 0.06, 0], [0.1, 0.06, 0])]))
-    motion = arm.run(2.0).motion
-    assert_within(motion)
-    assert_passes(motion, [posed(here + [0.04, 0.06, 0])])
+    arm = Arm().run(0.1)
+    arm.send(message(line(9, 0.02)[1:]))  # 20 mm away
+    motion = arm.run(0.6).motion
+    assert_passes(motion, line(5, 0.02))
+    assert motion.v[-1][1] > 0.2
+    here = motion.p[-1] - START.p_d
+    further = [posed(here + [0.0, y, 0.01]) for y in (0.04, 0.08, 0.12, 0.2, 0.3)]
     with pytest.raises(InvalidMessageError, match=r"begins 0\.\d+ m .* away"):
-        arm.send(message(poses))
+        arm.send(message(further[1:]))
+    arm.send(message(further))
+    motion = arm.run(2.5).motion
+    assert_within(motion)
+    assert_passes(motion, further[2:])  # once it is met
+    assert_ends_at(motion, further[-1])
 
 
 # --- what is refused, or comes late -------------------------------------------------------
@@ -270,9 +271,7 @@ def test_impossible_times_are_refused_with_the_first_wrong_point(times, twists, 
 def test_accelerations_without_velocities_and_times_without_limits_are_refused():
     msg = message(line(4, 0.01), [0.0, 1.0, 2.0, 3.0])
     msg.points[2].accelerations = [Twist()]
-    with pytest.raises(
-        InvalidMessageError, match="point 2 .* has accelerations, and no velocities"
-    ):
+    with pytest.raises(InvalidMessageError, match="has accelerations, and no velocities"):
         Arm().send(msg)
     with pytest.raises(InvalidMessageError, match="give each point a time_from_start"):
         Arm(limits=None).send(message(line(4, 0.01)))
@@ -359,4 +358,5 @@ def test_a_pose_that_is_kept_is_a_dwell_and_a_reversal_stops():
     motion = spline(times, [posed(y * Y) for y in (0.0, 0.05, 0.05, 0.1, 0.05, 0.0)])
     for t in np.linspace(1.0, 2.0, 20):
         assert np.linalg.norm(motion.sample(t).p_d - posed(0.05 * Y).p_d) < 1e-12
-    assert np.linalg.norm(motion.sample(3.0).dp_d) < 0.01
+    ways = motion.samples(np.linspace(2.0, 5.0, 500)).p_d - START.p_d
+    assert (ways @ Y).max() < 0.105

@@ -42,7 +42,7 @@ _MOST = 1e6
 # Least factor between the times after which a motion is joined, and the largest number of trials.
 _LATER, _JOINS = 1.25, 30
 
-# Further trials to join it sooner: so the tip gets nearer each time that one motion replaces another.
+# Further trials to join it sooner: so the tip gets nearer whenever one motion replaces another.
 _CLOSER = 4
 
 # A way [m, rad] that is shorter, or a speed that is less [m/s, rad/s], has no direction.
