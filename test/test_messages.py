@@ -246,7 +246,7 @@ REFUSALS: dict[str, list[tuple[str, Any, str]]] = {
         ("points.0.transforms", [Transform()] * 2, "point 0 of the reference has 2 transforms"),
         ("points.1.velocities", [Twist()] * 2, "point 1 of the reference has 2 velocities"),
         ("points.1.accelerations", [Twist()] * 2, "point 1 of the reference has 2 accelerations"),
-        ("points.1.time_from_start", Duration(), "must increase from point to point"),
+        ("points.1.time_from_start", Duration(), "has a velocity, and no point has a time"),
         ("points.1.transforms.0.translation.y", math.nan, "point 1 of the reference has a non-fin"),
         ("points.0.velocities.0.angular.z", math.inf, "point 0 of the reference has a non-finite"),
         ("points.0.accelerations.0.linear.x", math.nan, "point 0 of the reference has a non-fini"),

@@ -105,7 +105,8 @@ class DesiredFrames:
         for k in np.flatnonzero(np.isin(self._place, [*references.trajectories])).tolist():
             last = self._of(k - 1, self._begins[k : k + 1]).frame(0)
             trajectory = references.trajectories[int(self._place[k])]
-            self._trajectories[k] = trajectory.from_frame(last)
+            late = float(self._begins[k] - self._starts[k]) / 1e9
+            self._trajectories[k] = trajectory.from_frame(last, late)
 
     @property
     def knows_trajectories(self) -> bool:

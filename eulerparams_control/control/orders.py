@@ -10,6 +10,7 @@ from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.references import Goal, Jog
 from eulerparams_control.motion.shaper import Reference
+from eulerparams_control.motion.spline import Poses
 
 
 class Orders:
@@ -49,6 +50,11 @@ class Orders:
         references.refuse_after_fault(supervisor.mode, clock.time(now))
         if supervisor.rate.is_too_low:
             raise InvalidMessageError(f"{supervisor.rate.why.fault}; {supervisor.rate.why.remedy}")
+        if isinstance(motion, Poses) and not motion.is_timed and desired.limits is None:
+            raise InvalidMessageError(
+                "the reference has no times, and the tip has no limits that say how fast it goes; "
+                "give each point a time_from_start"
+            )
         was_halted = supervisor.mode.is_halted
         here = guidance.scheme.frame_at(q) if was_halted else desired.expected
         if guidance.is_braking and was_halted:

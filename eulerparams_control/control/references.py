@@ -1,7 +1,6 @@
 """Admission of references: none that leaps, none that went on through a fault."""
 
 import math
-from bisect import bisect_left
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -111,9 +110,7 @@ class References:
             raise InvalidMessageError(
                 f"the reference starts {-late:.0f} s after joint_states; are their clocks the same?"
             )
-        points = motion.frames
-        if isinstance(motion, Trajectory):  # what is over is not followed
-            points = points[min(bisect_left(motion.times, late), len(points) - 1) :]
+        points = motion.to_come(late) if isinstance(motion, Trajectory) else motion.frames
         self._refuse_unreachable(points, here)
         try:
             there = _farthest(motion, here, max(0.0, late))
@@ -150,5 +147,5 @@ class References:
 def _farthest(motion: Trajectory | SetPoint, here: DesiredFrame, late: float) -> DesiredFrame:
     """Return the frame of a motion that it may jump to: of a set-point, where its twist ends."""
     if isinstance(motion, Trajectory):
-        return motion.from_frame(here).sample(late)
+        return motion.beginning(here, late)
     return motion.sample(math.inf)

@@ -18,6 +18,7 @@ from eulerparams_control.messages.joint_bytes import NOT_READ, JointsAt, read_jo
 from eulerparams_control.messages.wire import AtBytes
 from eulerparams_control.motion.frames import DesiredFrame, Placement
 from eulerparams_control.motion.references import SetPoint
+from eulerparams_control.motion.spline import Poses
 from eulerparams_control.motion.trajectories import MAX_POINTS, Trajectory
 from eulerparams_control.parameters.schemes import COMMANDS
 
@@ -234,8 +235,9 @@ def motion_from_ros(
 ) -> tuple[Trajectory | SetPoint, int | None]:
     """Return the motion of a reference, and its start [ns] (None: at receipt).
 
-    A point without velocities rests there, one without accelerations has none.  One
-    point alone, to be reached at once, is a streamed set-point.
+    A point without velocities is passed through, at rest at the ends only; one with velocities
+    that are 0 rests, one without accelerations has none.  Points without times (all are 0) take
+    as long as the limits say.  One point alone rests; at time 0 it is a streamed set-point.
 
     Args:
         msg: the message.
@@ -261,8 +263,17 @@ def motion_from_ros(
     start = ns_from_ros(msg.header.stamp) or None
     if len(frames) == 1 and times[0] <= 0:
         return SetPoint(frames[0], lasting), start
+    known = [len(point.velocities) > 0 for point in msg.points]
+    for i, point in enumerate(msg.points):
+        if not known[i] and point.accelerations:
+            raise InvalidMessageError(
+                f"point {i} of the reference has accelerations, and no velocities; expected both, "
+                "or neither: then it is passed through"
+            )
     try:
-        return Trajectory(times, frames), start
+        if len(frames) == 1 or (any(times) and all(known)):
+            return Trajectory(times, frames), start
+        return Poses(times, frames, known), start
     except ConfigurationError as error:
         raise InvalidMessageError(f"the reference is no motion: {error}") from error
 

@@ -42,6 +42,9 @@ _MOST = 1e6
 # Least factor between the times after which a motion is joined, and the largest number of trials.
 _LATER, _JOINS = 1.25, 30
 
+# Further trials to join it sooner: so the tip gets nearer whenever one motion replaces another.
+_CLOSER = 4
+
 # A way [m, rad] that is shorter, or a speed that is less [m/s, rad/s], has no direction.
 _NOWHERE = 1e-12
 
@@ -116,13 +119,24 @@ def join(start: DesiredFrame, motion: Sample, t: float, limits: MotionLimits, le
         limits: of the tip.
         least: [s] the plan takes at least.
     """
-    T = least
+    T, too_short = least, 0.0
     for _ in range(_JOINS):
         plan = reach(start, motion(t + T), limits, T)
-        if plan.duration <= T * (1 + 1e-9) + 1e-9:
+        if _meets(plan, T):
             break
-        T = max(plan.duration, _LATER * T)
+        too_short, T = T, max(plan.duration, _LATER * T)
+    for _ in range(_CLOSER if too_short else 0):
+        middle = (too_short + T) / 2
+        sooner = reach(start, motion(t + middle), limits, middle)
+        if _meets(sooner, middle):
+            plan, T = sooner, middle
+        else:
+            too_short = middle
     return plan
+
+
+def _meets(plan: Plan, T: float) -> bool:
+    return plan.duration <= T * (1 + 1e-9) + 1e-9
 
 
 @formula

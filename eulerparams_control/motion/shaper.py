@@ -18,12 +18,13 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.motion.dilation import Dilated, within
+from eulerparams_control.motion.dilation import Dilated, Ramped, within
 from eulerparams_control.motion.frames import DesiredFrame, as_frame, distance
 from eulerparams_control.motion.legs import Leg, bounded, is_alike, is_there, passes, resting
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.plan import Plan, attain, join, reach
 from eulerparams_control.motion.references import Goal, Jog, SetPoint
+from eulerparams_control.motion.spline import Poses
 from eulerparams_control.motion.stream import PAUSE, StreamFilter
 from eulerparams_control.motion.trajectories import Trajectory
 
@@ -42,6 +43,9 @@ _LATE = 0.05
 
 # A wait of more than this part of the time stops it: an arm that is blocked creeps.
 _STILL = 0.998
+
+# Shortest time [s] in which a motion through poses is joined: a correction is to be gentle.
+_BLEND = 0.1
 
 # Wait [s] of a set-point between two plans of its stream.
 _BETWEEN = 0.008
@@ -239,10 +243,14 @@ class Shaper:
     def _begin(self, reference: Reference, begin: int, t: int) -> None:
         if self._stands(t):  # what begins while time waits does so from rest
             self.last, self.restarts = self.last.at_rest(), True
+        tau, there = (t - begin) / 1e9, None
         if isinstance(reference, Trajectory):
-            reference = reference.from_frame(self.last)
-        tau = (t - begin) / 1e9
-        if not isinstance(reference, (Goal, Jog)) and self._leaps(reference.sample(tau)):
+            if not isinstance(reference, Poses):
+                reference = reference.from_frame(self.last)
+            there = reference.beginning(self.last, tau)
+        elif not isinstance(reference, (Goal, Jog)):
+            there = reference.sample(tau)
+        if there is not None and self._leaps(there):
             return
         self.began, self.ends, self.slowed, self.bearable = None, None, 1.0, 1.0
         if type(reference) is not self._kind:
@@ -271,21 +279,28 @@ class Shaper:
 
     def _trajectory(self, trajectory: Trajectory, tau: float) -> tuple[Leg, float]:
         """Return the leg along a trajectory, and how far [s] it has come."""
-        limits = self.limits
+        limits, least = self.limits, 0.0
         if limits is None:
+            trajectory = trajectory.from_frame(self.last, tau)
             return Leg(trajectory.sample, path=trajectory), tau
-        motion = within(trajectory, limits)
-        if isinstance(motion, Dilated):
-            self.slowed, tau = motion.slowest, motion.time_at(tau)
+        motion: Trajectory | Dilated | Ramped | None
+        if isinstance(trajectory, Poses):
+            motion, tau = trajectory.passed(self.last, tau, limits)
+            least = max(_BLEND, -tau)
+        else:
+            motion = within(trajectory, limits)
+            if isinstance(motion, Dilated):
+                tau = motion.time_at(tau)
+        if motion is None or tau >= motion.duration:
+            return self._to_rest(self.last, trajectory.frames[-1].at_rest()), 0.0
+        self.slowed = motion.slowest
         leg = self._along(motion, 0.0)
-        if tau >= motion.duration:
-            return self._to_rest(self.last, motion.sample(motion.duration).at_rest()), 0.0
-        if is_alike(self.last, motion.sample(tau)):
+        if tau >= 0 and is_alike(self.last, motion.sample(tau)):
             return leg, tau
-        plan = join(self.last, motion.sample, tau, limits, 0.0)
+        plan = join(self.last, motion.sample, tau, limits, least)
         return self._then(plan, self._along(motion, tau + plan.duration), self._brake), 0.0
 
-    def _along(self, motion: Trajectory | Dilated, offset: float) -> Leg:
+    def _along(self, motion: Trajectory | Dilated | Ramped, offset: float) -> Leg:
         """Return the leg along a motion from the time ``offset`` [s] on."""
         sample = motion.sample if offset == 0 else lambda t: motion.sample(offset + t)
         path = motion if offset == 0 and isinstance(motion, Trajectory) else None

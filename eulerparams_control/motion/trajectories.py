@@ -10,8 +10,10 @@ domega_d`` [m/s^2, rad/s^2], all in the base frame, of the tip.
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Sequence
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -163,15 +165,24 @@ class Trajectory:
                 f"a trajectory needs as many times as frames, at least one; got {len(times)} "
                 f"times and {len(frames)} frames"
             )
-        if not np.all(np.diff(times) > 0):
-            raise ConfigurationError("the times of a trajectory must increase from point to point")
         self.times = [float(t) for t in times]
+        for k, (before, t) in enumerate(pairwise(self.times), start=1):
+            if not t > before:
+                raise ConfigurationError(
+                    "the times of a trajectory must increase from point to point: that of point "
+                    f"{k} (the first is 0) is {t:g} s after {before:g} s"
+                )
         self.frames = list(frames)
 
     @property
     def duration(self) -> float:
         """Time [s] of the last frame."""
         return self.times[-1]
+
+    @property
+    def slowest(self) -> float:
+        """The least rate of its time: it goes as it is."""
+        return 1.0
 
     def sample(self, t: float) -> DesiredFrame:
         """Return the desired frame at t [s]; at rest before the first and after the last."""
@@ -199,11 +210,24 @@ class Trajectory:
         times = [begin + duration * (t - begin) / (end - begin) for t in self.times]
         return Trajectory(times, [frame.at_rest() for frame in self.frames])
 
-    def from_frame(self, frame: DesiredFrame) -> "Trajectory":
-        """Return the trajectory that starts with ``frame`` at 0 if its first time is later."""
+    def from_frame(self, frame: DesiredFrame, late: float = 0.0) -> "Trajectory":
+        """Return the trajectory that starts with ``frame`` if its first time is later.
+
+        Args:
+            frame: where the tip is.
+            late: for how long [s] the trajectory has been going on.
+        """
         if self.times[0] <= 0:
             return self
         return Trajectory([0.0, *self.times], [frame, *self.frames])
+
+    def to_come(self, late: float) -> list[DesiredFrame]:
+        """Return the frames that are not over after ``late`` [s]."""
+        return self.frames[min(bisect_left(self.times, late), len(self.times) - 1) :]
+
+    def beginning(self, here: DesiredFrame, late: float) -> DesiredFrame:
+        """Return where it leads at once from a frame, ``late`` [s] after its start."""
+        return self.from_frame(here, late).sample(late)
 
 
 def way_points(times: Sequence[float], poses: Sequence[tuple[Array, Array]]) -> Trajectory:
