@@ -29,6 +29,7 @@ from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.messages.wire import Stamp, Template
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.ros import diagnostics
+from eulerparams_control.ros.message_info import NUMBER, with_info
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.publishers import names_of_publishers
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES, QOS_STREAM
@@ -40,7 +41,6 @@ from sim_bridge.drive import Drive
 from sim_bridge.drive_modes import DriveMode, DriveReply, DriveStatus
 from sim_bridge.drive_words import UNLOCK, DriveWords
 from sim_bridge.environment import Environment, nest, read_environment
-from sim_bridge.message_info import NUMBER, with_info
 from sim_bridge.pacing import LockStep, WallClock
 from sim_bridge.simulator import Simulator, SimulatorState
 

@@ -54,7 +54,8 @@ class Cause(StrEnum):
     STAMP_STUCK = "stamp_stuck"  # states change, or go on, under one stamp
     FROZEN_ENCODER = "frozen_encoder"
     RUNAWAY = "runaway"
-    TWO_PUBLISHERS = "two_publishers"  # of joint_states, which contradict each other
+    TWO_PUBLISHERS = "two_publishers"  # of joint_states
+    INCOMPATIBLE_QOS = "incompatible_qos"  # of a publisher: nothing of it is received
     RATE_TOO_LOW = "rate_too_low"  # of joint_states, for the gains or for state_timeout
     DEFECT = "defect"
 
@@ -225,11 +226,21 @@ def runs_away(joint: str, speed: float) -> Why:
 
 
 def contested(names: str) -> Why:
-    """Return why an arm is held of which nodes of these names publish states in turns."""
+    """Return why an arm is not commanded whose states nodes of these names publish."""
     return Why(
         Cause.TWO_PUBLISHERS,
-        f"joint_states contradict each other, and are published by {names}",
+        f"joint_states of the arm came from two publishers, of {names}; expected one",
         f"end all but the driver of the robot; then {AGAIN}",
+    )
+
+
+def replaced(names: str) -> Why:
+    """Return why an arm is not commanded whose states another publisher sends now."""
+    return Why(
+        Cause.TWO_PUBLISHERS,
+        "of two publishers of joint_states the one is left that was not believed before, of "
+        f"{names}",
+        "if it is the driver of the robot call ~/resume, else end it and start the driver",
     )
 
 
