@@ -9,15 +9,18 @@ from diagnostic_msgs.msg import DiagnosticArray
 from ros_processes import (
     FRAMES,
     HOME,
+    MODEL,
     STANDSTILL,
     UR5,
     Controlled,
+    TorqueArm,
     assert_holds,
     pose,
     reference,
     values,
 )
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 
 from eulerparams_control.control.senders import LONG_LOOK, LOOK, QUIET, UNNUMBERED, Source
 from eulerparams_control.messages.to_ros import stamp_to_ros
@@ -319,3 +322,60 @@ def test_two_publishers_are_found_at_any_rates_and_numbers(rate, ahead):
         assert not any(believed)
     else:
         assert not any(believed[-250:])
+
+
+# --- the watchdog -------------------------------------------------------------------------------
+class Watched:
+    """A watchdog between an arm and what sends it constant efforts, in real time."""
+
+    def __init__(self, world: Any) -> None:
+        self.arm, self.peer, self.name = TorqueArm(world, UR5), world.peer, "watchdog"
+        self.process = world.start("watchdog", FRAMES)
+        self.driven = self.peer.listen(Float64MultiArray, "driver_effort")
+        self._efforts = self.peer.publisher(JointState, "joint_effort")
+        self.gravity = MODEL.dynamic_state(HOME, 0 * HOME).g
+        self.passed = (self.gravity + 1.0).tolist()
+
+    def send(self) -> None:
+        self._efforts.publish(JointState(name=list(UR5.joints), effort=self.passed))
+
+    def go_on(self, seconds: float, *others: Callable[[], None]) -> None:
+        go_on(self.arm, seconds, self.send, *others)
+
+    @property
+    def last(self) -> list[float]:
+        return list(self.driven[-1].data)
+
+
+def test_the_watchdog_passes_nothing_while_it_is_not_known_whose_states_come(world):
+    watched = Watched(world)
+    stranger = Stranger(watched.arm)
+    stranger.send()
+    watched.go_on(1.0, stranger.send)
+    both = lambda: watched.go_on(0.1, stranger.send)  # noqa: E731
+    status = says(watched, "two_publishers", "waiting", both)
+    assert NAMED in status.message
+    assert watched.driven == []
+    stranger.end()
+    watched.go_on(QUIET + 0.1)
+    assert watched.last == watched.passed
+
+
+@pytest.mark.parametrize("offset", [1.57, 0.0])
+def test_in_a_dispute_the_watchdog_leaves_gravity_where_the_arm_was_seen_last(world, offset):
+    watched = Watched(world)
+    watched.go_on(0.5)
+    assert watched.last == watched.passed
+    stranger = Stranger(watched.arm, offset)
+    watched.go_on(0.5, stranger.send)
+    both = lambda: watched.go_on(0.1, stranger.send)  # noqa: E731
+    assert NAMED in says(watched, "two_publishers", "blind", both).message
+    np.testing.assert_allclose(watched.last, watched.gravity, atol=1e-9)
+    assert not watched.peer.trigger("/watchdog/resume").success
+    stranger.end()
+    watched.go_on(QUIET + 0.1)
+    assert says(watched, "", "holding", lambda: watched.go_on(0.1))
+    np.testing.assert_allclose(watched.last, watched.gravity, atol=1e-9)
+    assert watched.peer.trigger("/watchdog/resume").success
+    watched.go_on(0.1)
+    assert watched.last == watched.passed

@@ -172,6 +172,7 @@ class ControlNode(ManagedNode):
         t, q, dq = states.measured
         if controller is None:  # nothing listens yet to what belongs to the state
             self.observe(t, q, dq)
+            self._waits_for_look = not (states.source.is_believed or self.believes())
             self._try_start()
             controller = self._controller
         if controller is None or not (self._is_heard or self._hears()) or not self.is_complete(t):
