@@ -204,7 +204,8 @@ def leaps(distance: float, angle: float) -> Why:
 
 def stuck(fault: str) -> Why:
     """Return why an arm is held whose states have a stamp that stays."""
-    return Why(Cause.STAMP_STUCK, fault, AGAIN)
+    remedy = f"let the driver give each state the time at which it was measured; then {AGAIN}"
+    return Why(Cause.STAMP_STUCK, fault, remedy)
 
 
 def calmed(times: float) -> Why:

@@ -17,7 +17,7 @@ from std_srvs.srv import Trigger
 
 from eulerparams_control.control.clock import steady
 from eulerparams_control.control.controller import Controller
-from eulerparams_control.control.mode import NO_STATES, Why, contested, replaced
+from eulerparams_control.control.mode import NO_STATES, Mode, Why, contested, replaced, stuck
 from eulerparams_control.control.orders import Orders
 from eulerparams_control.errors import InvalidMessageError, listed
 from eulerparams_control.laws.rotations import Array
@@ -195,6 +195,9 @@ class ControlNode(ManagedNode):
         states.answered(is_commanded=command is not None)
         self._see_rivals(controller)
         self.review(controller, None if command is None else stamp)
+        if self._stands:
+            self._say_standing(controller)
+            return
         period = self._period if command is not None else 0
         if self._report.answered(controller, t, period, self._params.orientation):
             guidance = controller.guidance
@@ -202,6 +205,28 @@ class ControlNode(ManagedNode):
             tick = guidance.of_law if is_asked else None
             self._report.arm(controller, tick, q, dq, self._stamp)
         self._ending.review()
+
+    @property
+    def _stands(self) -> bool:
+        """Whether time stands still: states come and are answered, but under one stamp.
+
+        A robot in lock-step may wait so while its controller waits for a reference.
+        """
+        states, controller = self._input, self._controller
+        if controller is None or states.standing <= self._timeout:
+            return False
+        return states.is_commanded and controller.mode in (Mode.HOLDING, Mode.FOLLOWING)
+
+    def _say_standing(self, controller: Controller) -> None:
+        """Say that there is no time to move by; the arm is held, unless it is simulated time."""
+        t = self._input.measured[0] if self._input.measured is not None else 0
+        why = stuck(f"joint_states come, but their stamp stays at {t / 1e9:g} s")
+        mode, is_simulated = controller.mode, self.time.is_simulated
+        if mode is Mode.FOLLOWING and not is_simulated:
+            controller.orders.settle(why._replace(fault="", note=why.fault))
+        if mode is Mode.FOLLOWING:
+            mode = Mode.HOLDING
+        self._report.unanswered(mode, why, is_fault=not is_simulated)
 
     # --- whose joint_states come ---------------------------------------------------------
 
@@ -261,6 +286,8 @@ class ControlNode(ManagedNode):
         """Let a message lead the arm, or say why it must not."""
         try:
             self._refuse_in_dispute()
+            if self._stands and not self.time.is_simulated:
+                raise InvalidMessageError("the stamp of joint_states stays: there is no time")
             self._leaders.take(topic, msg)
         except InvalidMessageError as error:
             self._health.reject(topic, error)
@@ -320,7 +347,9 @@ class ControlNode(ManagedNode):
         """Report what the controller does, or why it holds still, if that has changed."""
         if self._controller is None:
             return
-        if self._dispute.fault:
+        if self._stands and not self._is_silent:
+            self._say_standing(self._controller)
+        elif self._dispute.fault:
             fault = f"{self._dispute.fault}: no commands"
             self._report.unanswered(self._controller.mode, self._dispute._replace(fault=fault))
         else:

@@ -107,11 +107,12 @@ class ControlReport:
                 about="restarts",
             )
 
-    def unanswered(self, mode: Mode, why: Why) -> None:
-        """Report why no state is answered; what the controller does is said again later."""
+    def unanswered(self, mode: Mode, why: Why, *, is_fault: bool = True) -> None:
+        """Report why no state leads on; what the controller does is said again later."""
         self.forget()
         status = {"mode": mode.value, "cause": why.cause.value}
-        self._health.set(diagnostics.ERROR, why.fault, why.remedy, **status)
+        level = diagnostics.ERROR if is_fault else diagnostics.WARN
+        self._health.set(level, why.fault, why.remedy, **status)
 
     def answered(self, controller: Controller, t: int, period: int, orientation: str) -> bool:
         """Report what changed with the answer to a state; return whether its tick is due, too.

@@ -42,7 +42,7 @@ from eulerparams_control.ros.guards import (
 )
 from eulerparams_control.ros.message_info import paired
 from eulerparams_control.ros.parameters import declare
-from eulerparams_control.ros.qos import QOS_OVERRIDES, QOS_STREAM
+from eulerparams_control.ros.qos import QOS_STREAM, overridable
 from eulerparams_control.ros.real_time import claim
 from eulerparams_control.ros.ros_time import RosTime
 from eulerparams_control.ros.state_input import StateInput
@@ -313,12 +313,10 @@ class ManagedNode(LifecycleNode):
             raw: whether it takes their bytes, see ``Health.reader``.
             with_numbers: whether it takes pairs of a message and its info.
         """
-        guarded, overrides = surviving(callback, self._on_defect), QOS_OVERRIDES
+        guarded = surviving(callback, self._on_defect)
         if with_numbers:
             guarded = paired(guarded)
-        return self.create_subscription(
-            kind, topic, guarded, qos, raw=raw, qos_overriding_options=overrides
-        )
+        return self.create_subscription(kind, topic, guarded, **overridable(qos), raw=raw)
 
     def _on_defect(self, error: Exception) -> None:
         """Hold still after an error that nobody expected."""

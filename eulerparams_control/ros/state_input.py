@@ -67,7 +67,7 @@ class StateInput:
         self._time, self._read = time, health.reader(JointState, self.concerns)
         self._reader: JointStateReader | None = None
         self.source = Source()
-        self.came = 0.0
+        self.came = self._stood = 0.0  # the latter: since when their stamp is the same
         self.receipt: float | None = None
         self._latencies: deque[float] = deque(maxlen=_REMEMBERED)
         self._count, self._longest, self._read_at = 0, 0.0, steady.now()
@@ -129,6 +129,8 @@ class StateInput:
         else:
             found, self.unanswered = reader.from_ros(msg), msg.header.stamp
         t, q, dq = self.measured = found
+        if last is None or t != last[0]:
+            self._stood = now
         if last is not None and not self.source.is_believed and self._contradict(last, found):
             self.source.contradict(now)
         if not self.is_commanded and max(map(abs, dq.tolist())) > MOVES:
@@ -192,6 +194,11 @@ class StateInput:
         if is_commanded:
             self.is_commanded = True
             self._latencies.append(steady.now() - self.came)
+
+    @property
+    def standing(self) -> float:
+        """For how long [s] states came under one stamp."""
+        return self.came - self._stood
 
     def silence(self) -> float:
         """Return how long no valid ones came [s]."""

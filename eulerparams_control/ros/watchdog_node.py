@@ -26,7 +26,7 @@ from eulerparams_control.ros.commands import CommandPublisher
 from eulerparams_control.ros.message_info import NUMBER, with_info
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.publishers import names_of_publishers, refuse_two_publishers, unheard
-from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES, QOS_STREAM
+from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_STREAM, overridable
 from eulerparams_control.ros.runtime import run
 
 _RESUME = "see to the controller; when it sends efforts again, call ~/resume"
@@ -59,8 +59,7 @@ class WatchdogNode(Node):
                 String,
                 "robot_description",
                 self._on_urdf,
-                QOS_LATCHED,
-                qos_overriding_options=QOS_OVERRIDES,
+                **overridable(QOS_LATCHED),
             )
             text = "waiting for a robot description"
             self._health.set(diagnostics.OK, text, mode=WatchMode.WAITING)
@@ -81,9 +80,7 @@ class WatchdogNode(Node):
         self._driver = CommandPublisher(self, "driver_effort", kind, robot.joints, QOS_STREAM)
         self._watch, self._stamp = Watch(robot, self._params), Time()
         self._efforts, self._states = (
-            self.create_subscription(
-                JointState, topic, take, QOS, qos_overriding_options=QOS_OVERRIDES
-            )
+            self.create_subscription(JointState, topic, take, **overridable(QOS))
             for topic, take in (
                 ("joint_effort", self._on_effort),
                 ("joint_states", with_info(self._on_state)),
