@@ -18,7 +18,7 @@ from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.laws.wrench import SensedWrench
 from eulerparams_control.parameters.schemes import POSITION, SchemeInfo, schemes
 from eulerparams_control.robot.robot import Robot
-from sim_bridge.message_info import with_info
+from eulerparams_control.ros.message_info import with_info
 from sim_bridge.simulator import Simulator, SimulatorParameters
 
 MODEL = Robot(UR5.urdf, UR5.base_frame, UR5.tip_frame)

@@ -29,9 +29,10 @@ from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.messages.wire import Stamp, Template
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.ros import diagnostics
+from eulerparams_control.ros.message_info import NUMBER, with_info
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.publishers import names_of_publishers
-from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES, QOS_STREAM
+from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_STREAM, overridable
 from eulerparams_control.ros.real_time import claim
 from eulerparams_control.ros.runtime import run
 from sim_bridge.bridge_parameters import LOCKSTEP, BridgeParameters
@@ -40,7 +41,6 @@ from sim_bridge.drive import Drive
 from sim_bridge.drive_modes import DriveMode, DriveReply, DriveStatus
 from sim_bridge.drive_words import UNLOCK, DriveWords
 from sim_bridge.environment import Environment, nest, read_environment
-from sim_bridge.message_info import NUMBER, with_info
 from sim_bridge.pacing import LockStep, WallClock
 from sim_bridge.simulator import Simulator, SimulatorState
 
@@ -138,11 +138,15 @@ class BridgeNode(Node):
             JointState,
             self._drive.topic,
             with_info(self._on_command),
-            QOS,
+            **overridable(QOS),
             raw=True,
-            qos_overriding_options=QOS_OVERRIDES,
         )
-        self.create_subscription(WrenchStamped, "external_wrench", self._on_external_wrench, QOS)
+        self.create_subscription(
+            WrenchStamped,
+            "external_wrench",
+            self._on_external_wrench,
+            **overridable(QOS),
+        )
         self.create_service(Trigger, UNLOCK, self._on_unlock)
         self._description_publisher.publish(String(data=self._robot.urdf))
 

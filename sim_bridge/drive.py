@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from eulerparams_control.control.senders import Senders
 from eulerparams_control.errors import InvalidMessageError, SimulationError
 from eulerparams_control.messages.from_ros import ns_from_ros
 from sim_bridge.acceleration import CommandAcceleration
-from sim_bridge.command_source import Senders, StampOrder
+from sim_bridge.command_source import StampOrder
 from sim_bridge.commands import Command, CommandInput
 from sim_bridge.drive_modes import (
     TRANSITIONS,

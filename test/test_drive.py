@@ -11,11 +11,12 @@ from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import JointState
 from tolerances import assert_close
 
+from eulerparams_control.control.senders import UNNUMBERED, Senders
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.events import ExitCode
 from eulerparams_control.robot.catalogue import load_robot
 from sim_bridge import drive as driving
-from sim_bridge.command_source import UNNUMBERED, Senders, StampOrder
+from sim_bridge.command_source import StampOrder
 from sim_bridge.commands import push_from_ros
 from sim_bridge.drive_words import ERROR, OK, WARN, DriveWords
 from sim_bridge.pacing import STANDS_STILL, LockStep, Tally, WallClock

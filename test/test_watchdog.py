@@ -10,6 +10,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from eulerparams_control.control.judge import AT_REST
+from eulerparams_control.control.senders import LOOK
 from eulerparams_control.control.watch import Watch, WatchMode
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.parameters.watchdog import WatchdogParameters
@@ -156,6 +157,13 @@ def test_a_robot_that_compensates_gravity_itself_is_only_damped():
 
 
 # --- the node --------------------------------------------------------------------------------
+def be_seen(arm: Any) -> None:
+    """Let an arm publish its states for so long that they are believed."""
+    for _ in range(round(1.2 * LOOK / 0.01)):
+        arm.graph.advance(0.01)
+        arm.send_next()
+
+
 @pytest.mark.parametrize("kind", ["forward", "joint_state"])
 def test_the_node_brakes_when_its_controller_is_killed_and_resumes_when_it_is_told(world, kind):
     type_of = {"forward": Float64MultiArray, "joint_state": JointState}[kind]
@@ -204,6 +212,7 @@ def test_a_signal_brakes_the_arm_before_the_watchdog_ends(world):
     process = world.start("watchdog", FRAMES)
     driven = peer.listen(Float64MultiArray, "driver_effort")
     sender = peer.publisher(JointState, "joint_effort")
+    be_seen(arm)
 
     def go_on() -> None:
         """Let 20 ms go by, in which a controller sends what drives the arm on."""
@@ -232,7 +241,7 @@ def test_efforts_that_cannot_be_used_or_of_a_second_sender_are_a_silence(world):
     sender = peer.publisher(JointState, "joint_effort")
     good = JointState(name=list(UR5.joints), effort=[1.0] * 6)
     broken = JointState(name=list(UR5.joints), effort=[float("nan")] * 6)
-    arm.send_next()
+    be_seen(arm)
     sender.publish(good)
     assert [list(msg.data) for msg in driven] == [[1.0] * 6]
     arm.states.publish(JointState(name=["finger"], position=[0.0]))  # of another driver

@@ -55,7 +55,8 @@ class Cause(StrEnum):
     STAMP_STUCK = "stamp_stuck"  # states change, or go on, under one stamp
     FROZEN_ENCODER = "frozen_encoder"
     RUNAWAY = "runaway"
-    TWO_PUBLISHERS = "two_publishers"  # of joint_states, which contradict each other
+    TWO_PUBLISHERS = "two_publishers"  # of joint_states
+    INCOMPATIBLE_QOS = "incompatible_qos"  # of a publisher: nothing of it is received
     RATE_TOO_LOW = "rate_too_low"  # of joint_states, for the gains or for state_timeout
     DEFECT = "defect"
 
@@ -204,7 +205,8 @@ def leaps(distance: float, angle: float) -> Why:
 
 def stuck(fault: str) -> Why:
     """Return why an arm is held whose states have a stamp that stays."""
-    return Why(Cause.STAMP_STUCK, fault, AGAIN)
+    remedy = f"let the driver give each state the time at which it was measured; then {AGAIN}"
+    return Why(Cause.STAMP_STUCK, fault, remedy)
 
 
 def calmed(times: float) -> Why:
@@ -226,11 +228,21 @@ def runs_away(joint: str, speed: float) -> Why:
 
 
 def contested(names: str) -> Why:
-    """Return why an arm is held of which nodes of these names publish states in turns."""
+    """Return why an arm is not commanded whose states nodes of these names publish."""
     return Why(
         Cause.TWO_PUBLISHERS,
-        f"joint_states contradict each other, and are published by {names}",
+        f"joint_states of the arm came from two publishers, of {names}; expected one",
         f"end all but the driver of the robot; then {AGAIN}",
+    )
+
+
+def replaced(names: str) -> Why:
+    """Return why an arm is not commanded whose states another publisher sends now."""
+    return Why(
+        Cause.TWO_PUBLISHERS,
+        "of two publishers of joint_states the one is left that was not believed before, of "
+        f"{names}",
+        "if it is the driver of the robot call ~/resume, else end it and start the driver",
     )
 
 

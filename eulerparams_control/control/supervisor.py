@@ -21,7 +21,6 @@ from eulerparams_control.control.mode import (
     Mode,
     ModeEvent,
     Why,
-    contested,
     leaps,
     runs_away,
     why_of,
@@ -125,6 +124,7 @@ class Supervisor:
             if at.receipt is not None and at.receipt < self.mode.until:
                 return
             self.change(ModeEvent.TRUST)
+            self.begin(state.q)
         if self._is_strict:
             rate, period = self.rate, self._admission.period.row.item(SECONDS)
             longest, turn = rate.fine
@@ -198,10 +198,16 @@ class Supervisor:
         elif motion.is_stalled(t):
             self.change(ModeEvent.FAULT, NEVER_BEGINS)
 
-    def contest(self, names: str) -> None:
-        """Hold from the next state on, as nodes of these names publish states in turns."""
-        if self.mode.why.cause is not Cause.TWO_PUBLISHERS:
-            self.change(ModeEvent.FAULT, contested(names))
+    def distrust(self, why: Why) -> None:
+        """Command nothing until :meth:`trust`: whose the states are is in dispute."""
+        self.change(ModeEvent.FAULT, why)
+        self.change(ModeEvent.DISTRUST, Why(at=math.inf))
+
+    def trust(self) -> None:
+        """Hold the pose of the next state, whose publisher is known again."""
+        if isinstance(self.mode, Distrusting):
+            self.mode.until = 0.0
+        self._scheme.start_from(None)
 
     def fail_for_good(self, error: Exception) -> None:
         """Hold from now on because of a defect; no reference is followed any more."""

@@ -69,6 +69,12 @@ class Watch:
         self._q, self._dq, self._seen = q, dq, t
         return self.look(t)
 
+    def lose_sight(self) -> None:
+        """See no arm: whose states come is not known; gravity where it was seen last stays."""
+        self._seen = -math.inf
+        if self.mode is WatchMode.PASSING:
+            self.mode = WatchMode.BRAKING
+
     def look(self, t: float) -> Array | None:
         """Return what is sent at t [s] because the controller is silent; None: it is not."""
         p = self._parameters

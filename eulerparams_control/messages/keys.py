@@ -57,6 +57,9 @@ SATURATED = "saturated ticks"
 DESERIALISED = "messages deserialised"
 """How many joint_states and wrenches did not come in a layout that was known: one at first."""
 
+UNHEARD = "publishers not heard"
+"""Who publishes an input with a QoS that does not match, and what mends it; no key if none."""
+
 FROZEN = "frozen"
 """1 while the desired motion waits, because what it needs is not known; else 0."""
 

@@ -5,28 +5,32 @@ published under the stamp of the joint_states that it answers.
 """
 
 import importlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from eulerparams_control.control.clock import steady
 from eulerparams_control.control.controller import Controller
-from eulerparams_control.control.mode import Why
+from eulerparams_control.control.mode import NO_STATES, Mode, Why, contested, replaced, stuck
 from eulerparams_control.control.orders import Orders
 from eulerparams_control.errors import InvalidMessageError, listed
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import Tick
 from eulerparams_control.messages.from_ros import shown
+from eulerparams_control.messages.keys import Lifecycle
 from eulerparams_control.messages.markers import Stiffness
 from eulerparams_control.parameters.schemes import SchemeInfo
 from eulerparams_control.ros.control_report import ControlReport
+from eulerparams_control.ros.diagnostics import ERROR
 from eulerparams_control.ros.managed_node import ManagedNode
-from eulerparams_control.ros.publishers import names_of_publishers
+from eulerparams_control.ros.message_info import NUMBER
+from eulerparams_control.ros.publishers import names_of_publishers, unheard
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED
 from eulerparams_control.ros.targets import Leaders, Topics
 from eulerparams_control.ros.views import ArmView, Views
@@ -48,6 +52,9 @@ class ControlNode(ManagedNode):
         super().__init__()
         self._report = ControlReport(self, self._health, self._input)
         self._is_heard, self._began = False, steady.now()
+        self._dispute = Why()  # about whose joint_states come
+        self._rivals: list[str] = []  # the names of who publish them
+        self._waits_for_look = False
         rate = self._params.state_rate
         self._period = int(1e9 / rate) if rate > 0 else 0  # of ~/pose and the like [ns]
         self._health.check, self._health.gather = self._once_a_second, self._gather
@@ -113,9 +120,14 @@ class ControlNode(ManagedNode):
 
     def _subscribe(self) -> None:
         take = self._on_joint_states
-        self._states = self.listen(JointState, "joint_states", take, QOS, raw=True)
+        self._states = self.listen(
+            JointState, "joint_states", take, QOS, raw=True, with_numbers=True
+        )
+        self._urdfs: Subscription | None = None
         if not self._description:
-            self.listen(String, "robot_description", self._on_robot_description, QOS_LATCHED)
+            self._urdfs = self.listen(
+                String, "robot_description", self._on_robot_description, QOS_LATCHED
+            )
 
     def _on_robot_description(self, msg: String) -> None:
         if self._robot is not None and msg.data != self._description:
@@ -125,17 +137,20 @@ class ControlNode(ManagedNode):
         self._description = msg.data
         self._try_start()
 
-    def _on_joint_states(self, data: bytes) -> None:
+    def _on_joint_states(self, message: tuple[bytes, Mapping[str, Any]]) -> None:
         if self._robot is None:
             return
-        was_answered = self._input.unanswered is None
+        (data, info), was_answered = message, self._input.unanswered is None
         try:
-            if strangers := self._input.take(data):
+            if strangers := self._input.take(data, info[NUMBER]):
                 self._say_strange(strangers)
                 return
         except InvalidMessageError as error:
             self._health.reject("joint_states", error)
             return
+        finally:
+            if self._input.source.is_disputed is not bool(self._dispute.fault):
+                self._see_dispute()
         if not was_answered and self._controller is not None:
             self._health.count("states dropped, waiting for what belongs to them")
         self._answer()
@@ -157,9 +172,13 @@ class ControlNode(ManagedNode):
         t, q, dq = states.measured
         if controller is None:  # nothing listens yet to what belongs to the state
             self.observe(t, q, dq)
+            self._waits_for_look = not (states.source.is_believed or self.believes())
             self._try_start()
             controller = self._controller
         if controller is None or not (self._is_heard or self._hears()) or not self.is_complete(t):
+            return
+        self._waits_for_look = not (states.source.is_believed or self.believes())
+        if self._waits_for_look:
             return
         stamp, states.unanswered = states.unanswered, None
         self.observe(t, q, dq)
@@ -176,6 +195,9 @@ class ControlNode(ManagedNode):
         states.answered(is_commanded=command is not None)
         self._see_rivals(controller)
         self.review(controller, None if command is None else stamp)
+        if self._stands:
+            self._say_standing(controller)
+            return
         period = self._period if command is not None else 0
         if self._report.answered(controller, t, period, self._params.orientation):
             guidance = controller.guidance
@@ -184,12 +206,70 @@ class ControlNode(ManagedNode):
             self._report.arm(controller, tick, q, dq, self._stamp)
         self._ending.review()
 
+    @property
+    def _stands(self) -> bool:
+        """Whether time stands still: states come and are answered, but under one stamp.
+
+        A robot in lock-step may wait so while its controller waits for a reference.
+        """
+        states, controller = self._input, self._controller
+        if controller is None or states.standing <= self._timeout:
+            return False
+        return states.is_commanded and controller.mode in (Mode.HOLDING, Mode.FOLLOWING)
+
+    def _say_standing(self, controller: Controller) -> None:
+        """Say that there is no time to move by; the arm is held, unless it is simulated time."""
+        t = self._input.measured[0] if self._input.measured is not None else 0
+        why = stuck(f"joint_states come, but their stamp stays at {t / 1e9:g} s")
+        mode, is_simulated = controller.mode, self.time.is_simulated
+        if mode is Mode.FOLLOWING and not is_simulated:
+            controller.orders.settle(why._replace(fault="", note=why.fault))
+        if mode is Mode.FOLLOWING:
+            mode = Mode.HOLDING
+        self._report.unanswered(mode, why, is_fault=not is_simulated)
+
+    # --- whose joint_states come ---------------------------------------------------------
+
+    def doubt(self) -> Why:
+        """Return why it is not known whose joint_states come; Why() if it is, or will be soon."""
+        return self._dispute if self._dispute.fault else unheard(self, self._states)
+
+    def believes(self) -> bool:
+        """Return whether joint_states are believed to be the arm's."""
+        return self._input.source.look(steady.now(), self._has_several)
+
+    def _has_several(self) -> bool:
+        return bool(self.count_publishers(self._states.topic_name) > 1)
+
     def _see_rivals(self, controller: Controller) -> None:
-        """Stop the arm if states contradict each other, and two nodes publish them."""
-        if controller.admission.is_contested:
+        """See two publishers by states that contradict each other, where they are not numbered."""
+        source = self._input.source
+        if source.is_numbered or not controller.admission.is_contested or not self._has_several():
+            return
+        source.contradict(steady.now())
+        self._see_dispute()
+
+    def _see_dispute(self) -> None:
+        """Command nothing while two publish the states of the arm, and say so."""
+        source, controller, before = self._input.source, self._controller, self._dispute
+        self._dispute = Why()
+        if source.is_disputed:
             names = names_of_publishers(self, self._states.topic_name)
-            if len(names) > 1:
-                controller.supervisor.contest(listed(names))
+            if not before.fault or len(names) >= len(self._rivals):  # who has ended is named still
+                self._rivals = names
+            self._dispute = contested(listed(self._rivals))
+            if not source.is_contested:
+                self._dispute = replaced(listed(names))
+        if self._dispute == before:
+            return
+        if controller is not None and self._dispute.fault:
+            controller.supervisor.distrust(self._dispute)
+        elif controller is not None:
+            controller.supervisor.trust()
+        elif self._dispute.fault:
+            text, why = f"not activated: {self._dispute.fault}", self._dispute
+            self._tell(ERROR, text, Lifecycle.INACTIVE, why.cause, why.remedy)
+        self._say()
 
     def _hears(self) -> bool:
         """Return whether as many listen to the commands as have to."""
@@ -205,6 +285,9 @@ class ControlNode(ManagedNode):
     def _lead(self, topic: str, msg: Any) -> None:
         """Let a message lead the arm, or say why it must not."""
         try:
+            self._refuse_in_dispute()
+            if self._stands and not self.time.is_simulated:
+                raise InvalidMessageError("the stamp of joint_states stays: there is no time")
             self._leaders.take(topic, msg)
         except InvalidMessageError as error:
             self._health.reject(topic, error)
@@ -223,6 +306,10 @@ class ControlNode(ManagedNode):
             answer.message = "not active: nothing is commanded"
             return answer
         try:
+            if order is Orders.resume:
+                self._input.source.accept(steady.now())
+                self._see_dispute()
+                self._refuse_in_dispute()
             order(self._controller.orders)
         except InvalidMessageError as error:
             self._health.complain(str(error))
@@ -232,6 +319,10 @@ class ControlNode(ManagedNode):
             self._say()
         answer.success, answer.message = True, self._health.message
         return answer
+
+    def _refuse_in_dispute(self) -> None:
+        if self._dispute.fault:
+            raise InvalidMessageError(f"{self._dispute.fault}; {self._dispute.remedy}")
 
     def _gather(self) -> None:
         """Gather what /diagnostics shows of the controller, and of a tick that it did not show."""
@@ -254,7 +345,14 @@ class ControlNode(ManagedNode):
 
     def _say(self) -> None:
         """Report what the controller does, or why it holds still, if that has changed."""
-        if self._controller is not None:
+        if self._controller is None:
+            return
+        if self._stands and not self._is_silent:
+            self._say_standing(self._controller)
+        elif self._dispute.fault:
+            fault = f"{self._dispute.fault}: no commands"
+            self._report.unanswered(self._controller.mode, self._dispute._replace(fault=fault))
+        else:
             self._report.state(self._controller, self._params.orientation)
 
     # --- supervision -------------------------------------------------------------------
@@ -272,16 +370,25 @@ class ControlNode(ManagedNode):
 
     def watch(self) -> None:
         """Say that joint_states has stopped, as soon as it has; nothing is commanded then."""
-        if self._controller is not None and self._is_silent:
-            self._report.silent(self._controller.mode, self._timeout)
+        if self._controller is not None and self._is_silent and not self._dispute.fault:
+            fault = (
+                f"no valid joint_states within {self._timeout:g} s: no commands; is the robot "
+                "running?"
+            )
+            self._report.unanswered(self._controller.mode, NO_STATES._replace(fault=fault))
+        elif self._waits_for_look and self.time.is_simulated:  # the state may come but once
+            self._answer()
         self._ending.review()
 
     def _once_a_second(self) -> None:
         """Gather what /diagnostics shows once a second."""
         self._health.values.update(self._input.read() | self.values_now())
+        if self._dispute.fault:
+            self._see_dispute()  # whose names are known by now
         is_late = steady.now() - self._began > _DISCOVERY
-        if is_late and self._input.measured is None and not self._states.get_publisher_count():
+        if is_late and self._input.measured is None and not self.count_publishers("joint_states"):
             self._health.complain(f"nobody publishes {self._states.topic_name}: is a robot there?")
+        self._say_unheard()
         if self._controller is None:
             return
         self._health.values["joint_states missed"] = self._controller.admission.period.missed
@@ -290,6 +397,16 @@ class ControlNode(ManagedNode):
             self._health.complain(
                 f"nobody listens to {self._commands.topic}: does the robot take another command?"
             )
+
+    def _say_unheard(self) -> None:
+        """Say why nothing comes of what is needed first, where that is the QoS."""
+        why = Why()
+        if self._robot is None and self._urdfs is not None and not self._description:
+            why, mode = unheard(self, self._urdfs), Lifecycle.UNCONFIGURED
+        elif self._robot is not None and self._input.measured is None:
+            why, mode = unheard(self, self._states), Lifecycle.INACTIVE
+        if why.fault:
+            self._tell(ERROR, why.fault, mode, why.cause, why.remedy)
 
 
 def node_class(scheme: SchemeInfo) -> type[ControlNode]:

@@ -10,7 +10,7 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.control.controller import Controller
-from eulerparams_control.control.mode import NO_STATES, Cause, Mode, Why
+from eulerparams_control.control.mode import Cause, Mode, Why
 from eulerparams_control.control.speed_scaling import Nearness
 from eulerparams_control.errors import listed
 from eulerparams_control.laws.inverse import smallest_singular_value
@@ -107,16 +107,12 @@ class ControlReport:
                 about="restarts",
             )
 
-    def silent(self, mode: Mode, timeout: float) -> None:
-        """Report that joint_states have stopped; what the controller does is said again later."""
+    def unanswered(self, mode: Mode, why: Why, *, is_fault: bool = True) -> None:
+        """Report why no state leads on; what the controller does is said again later."""
         self.forget()
-        self._health.set(
-            diagnostics.ERROR,
-            f"no valid joint_states within {timeout:g} s: no commands; is the robot running?",
-            NO_STATES.remedy,
-            mode=mode.value,
-            cause=NO_STATES.cause.value,
-        )
+        status = {"mode": mode.value, "cause": why.cause.value}
+        level = diagnostics.ERROR if is_fault else diagnostics.WARN
+        self._health.set(level, why.fault, why.remedy, **status)
 
     def answered(self, controller: Controller, t: int, period: int, orientation: str) -> bool:
         """Report what changed with the answer to a state; return whether its tick is due, too.

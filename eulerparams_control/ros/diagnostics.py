@@ -13,8 +13,9 @@ from rclpy.serialization import deserialize_message
 from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import InvalidMessageError, defect, kind_of
 from eulerparams_control.events import Event, tell
-from eulerparams_control.messages.keys import CAUSE, DESERIALISED, MODE, REMEDY, SINCE
+from eulerparams_control.messages.keys import CAUSE, DESERIALISED, MODE, REMEDY, SINCE, UNHEARD
 from eulerparams_control.messages.wire import Reader
+from eulerparams_control.ros.publishers import unheard
 from eulerparams_control.ros.qos import QOS_LATCHED
 
 RMWError = rclpy_implementation.RMWError
@@ -65,9 +66,20 @@ class Health:
 
     def _on_timer(self) -> None:
         self.check()
+        self._look_at_qos()
         if not self._is_logged:
             self._log()
         self.publish()
+
+    def _look_at_qos(self) -> None:
+        """Complain of publishers that a subscription of the node cannot hear."""
+        self.values.pop(UNHEARD, None)
+        for subscription in self._node.subscriptions:
+            if (why := unheard(self._node, subscription)).fault:
+                text = f"{why.fault}; {why.remedy}"
+                self.values[UNHEARD] = text
+                self.complain(text, error=True, about=f"QoS of {subscription.topic_name}")
+                self.warn(f"a publisher of {subscription.topic_name} is not heard")
 
     @property
     def _now(self) -> float:

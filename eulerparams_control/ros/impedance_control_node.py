@@ -25,7 +25,7 @@ from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.commands import ComplianceCommands, ImpedancePublisher
 from eulerparams_control.ros.control_node import ControlNode
-from eulerparams_control.ros.publishers import refuse_two_publishers
+from eulerparams_control.ros.publishers import refuse_two_publishers, unheard
 from eulerparams_control.ros.qos import QOS
 from eulerparams_control.ros.resting_contact import RestingContact, norms
 from eulerparams_control.ros.runtime import run
@@ -199,6 +199,13 @@ class ImpedanceControlNode(ControlNode):
             is_frozen = why is self._sensor.trouble and why.note
             frozen = f"{why.note}: the compliant frame is frozen"
             self.note(why._replace(note=frozen) if is_frozen else why)
+
+    def doubt(self) -> Why:
+        """Return why it is not known whose messages come; Why() if it is, or will be soon."""
+        why = super().doubt()
+        if not why.fault and self._sensor.trouble.note:
+            why = unheard(self, self._wrench)
+        return why
 
     def refusal(self) -> str:
         """Return why the arm must not be controlled yet; "" if it may."""

@@ -14,7 +14,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from eulerparams_control.control.controller import Controller
-from eulerparams_control.control.mode import REPORT_IT
+from eulerparams_control.control.mode import REPORT_IT, Why
 from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.errors import (
     ConfigurationError,
@@ -40,8 +40,9 @@ from eulerparams_control.ros.guards import (
     survive_wrong_transitions,
     surviving,
 )
+from eulerparams_control.ros.message_info import paired
 from eulerparams_control.ros.parameters import declare
-from eulerparams_control.ros.qos import QOS_OVERRIDES, QOS_STREAM
+from eulerparams_control.ros.qos import QOS_STREAM, overridable
 from eulerparams_control.ros.real_time import claim
 from eulerparams_control.ros.ros_time import RosTime
 from eulerparams_control.ros.state_input import StateInput
@@ -92,6 +93,14 @@ class ManagedNode(LifecycleNode):
         """Return the publisher of the scheme's commands."""
         kind = self._params.command_type
         return CommandPublisher(self, self.interface.command, kind, joints, QOS_STREAM)
+
+    def doubt(self) -> Why:
+        """Return why it is not known whose joint_states come; Why() if it is, or will be soon."""
+        return Why()
+
+    def believes(self) -> bool:
+        """Return whether joint_states are believed to be the arm's."""
+        return True
 
     def refusal(self) -> str:
         """Return why the arm must not be controlled yet; "" if it may."""
@@ -174,6 +183,8 @@ class ManagedNode(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin at the measured pose with zero error."""
         measured, robot, p = self._input.measured, self._robot, self._params
+        if (why := self.doubt()).fault:
+            return self._fail(f"not activated: {why.fault}", Lifecycle.INACTIVE, why)
         if measured is None or robot is None:
             expected = ", ".join(robot.joints) if robot else ""
             text = f"not activated: no valid joint_states yet; expected the joints {expected}"
@@ -197,9 +208,10 @@ class ManagedNode(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def _fail(
-        self, text: str, mode: Lifecycle, cause: Cause = Cause.REFUSED
+        self, text: str, mode: Lifecycle, cause: Cause | Why = Cause.REFUSED
     ) -> TransitionCallbackReturn:
-        self._tell(ERROR, text, mode, cause)
+        why = cause if isinstance(cause, Why) else Why()
+        self._tell(ERROR, text, mode, why.cause or str(cause), why.remedy)
         return TransitionCallbackReturn.FAILURE
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -271,19 +283,40 @@ class ManagedNode(LifecycleNode):
         if self._robot is None and self._description:
             self.trigger_configure()
         if self._robot is not None and self._input.measured is not None:
-            if reason := self.refusal():
+            if (why := self.doubt()).fault:
+                text = f"not activated: {why.fault}"
+                self._tell(ERROR, text, Lifecycle.INACTIVE, why.cause, why.remedy)
+            elif not self.believes():
+                pass  # a second look at who publishes the states comes first
+            elif reason := self.refusal():
                 self._tell(WARN, f"not activated yet: {reason}", Lifecycle.INACTIVE, Cause.REFUSED)
             else:
                 self.trigger_activate()
 
     def listen(
-        self, kind: Any, topic: str, callback: Any, qos: QoSProfile, *, raw: bool = False
+        self,
+        kind: Any,
+        topic: str,
+        callback: Any,
+        qos: QoSProfile,
+        *,
+        raw: bool = False,
+        with_numbers: bool = False,
     ) -> Subscription:
-        """Listen to a topic; ``raw``: to the bytes of its messages, see ``Health.reader``."""
-        guarded, overrides = surviving(callback, self._on_defect), QOS_OVERRIDES
-        return self.create_subscription(
-            kind, topic, guarded, qos, raw=raw, qos_overriding_options=overrides
-        )
+        """Listen to a topic.
+
+        Args:
+            kind: of the messages.
+            topic: where they come.
+            callback: takes them.
+            qos: unless it is overridden.
+            raw: whether it takes their bytes, see ``Health.reader``.
+            with_numbers: whether it takes pairs of a message and its info.
+        """
+        guarded = surviving(callback, self._on_defect)
+        if with_numbers:
+            guarded = paired(guarded)
+        return self.create_subscription(kind, topic, guarded, **overridable(qos), raw=raw)
 
     def _on_defect(self, error: Exception) -> None:
         """Hold still after an error that nobody expected."""

@@ -1,9 +1,14 @@
-"""Publishers of a topic."""
+"""Publishers of a topic: who they are, and whether they are heard."""
+
+from collections.abc import Iterator
 
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from eulerparams_control.errors import InvalidMessageError
+from eulerparams_control.control.mode import Cause, Why
+from eulerparams_control.errors import InvalidMessageError, listed
 
 # How the graph calls a node whose name it has not learnt yet.
 _UNKNOWN = "_NODE_NAME_UNKNOWN_"
@@ -11,10 +16,13 @@ _UNKNOWN = "_NODE_NAME_UNKNOWN_"
 
 def names_of_publishers(node: Node, topic: str) -> list[str]:
     """Return the full name of the node of each publisher on a topic; "" if it is not known yet."""
-    return [
-        f"{info.node_namespace.rstrip('/')}/{info.node_name}" if info.node_name != _UNKNOWN else ""
-        for info in node.get_publishers_info_by_topic(topic)
-    ]
+    return [_name_of(info) for info in node.get_publishers_info_by_topic(topic)]
+
+
+def _name_of(info: TopicEndpointInfo) -> str:
+    if info.node_name == _UNKNOWN:
+        return ""
+    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
 
 
 def publishers_of(node: Node, topic: str) -> set[str]:
@@ -25,10 +33,10 @@ def publishers_of(node: Node, topic: str) -> set[str]:
 def refuse_two_publishers(node: Node, subscription: Subscription | None) -> None:
     """Raise InvalidMessageError, naming them, if nodes of two names publish what is taken.
 
-    A node that was killed stays in the graph for some 20 s; its successor has its name, and is
-    for a moment without one.
+    One whose QoS does not match counts, too.  A node that was killed stays in the graph for some
+    20 s; its successor has its name, and is for a moment without one.
     """
-    if subscription is None or subscription.get_publisher_count() < 2:
+    if subscription is None or node.count_publishers(subscription.topic_name) < 2:
         return
     topic = subscription.topic_name
     names = publishers_of(node, topic)
@@ -37,3 +45,41 @@ def refuse_two_publishers(node: Node, subscription: Subscription | None) -> None
             f"two publishers on '{topic.lstrip('/')}': {', '.join(sorted(names))}; expected one; "
             "end the other (one that was killed is gone after some 20 s)"
         )
+
+
+def unheard(node: Node, subscription: Subscription) -> Why:
+    """Return which publishers a subscription cannot hear, and what mends it; Why() if none."""
+    topic, wanted = subscription.topic_name, subscription.qos_profile
+    if node.count_publishers(topic) <= subscription.get_publisher_count():
+        return Why()
+    found: dict[tuple[str, str, str], list[str]] = {}
+    for info in node.get_publishers_info_by_topic(topic):
+        for mismatch in _mismatches(info.qos_profile, wanted):
+            found.setdefault(mismatch, []).append(_name_of(info) or "a node")
+    if not found:  # one that was discovered a moment ago
+        return Why()
+    faults = [
+        f"{listed(names)} {'publishes' if len(names) == 1 else 'publish'} {topic} with the "
+        f"{policy} {offered}, but it is read with {asked}: nothing of it is received"
+        for (policy, offered, asked), names in found.items()
+    ]
+    remedies = [
+        f"set the parameter qos_overrides.{topic}.subscription.{policy} to {offered} at the start "
+        f"of {node.get_fully_qualified_name()}, or let the publisher offer {asked}"
+        for policy, offered, asked in found
+    ]
+    return Why(Cause.INCOMPATIBLE_QOS, "; ".join(faults), "; ".join(remedies))
+
+
+def _mismatches(offered: QoSProfile, asked: QoSProfile) -> Iterator[tuple[str, str, str]]:
+    """Yield the policies in which less is offered than asked: name, offered, asked."""
+    if (offered.reliability, asked.reliability) == (
+        ReliabilityPolicy.BEST_EFFORT,
+        ReliabilityPolicy.RELIABLE,
+    ):
+        yield "reliability", offered.reliability.short_key, asked.reliability.short_key
+    if (offered.durability, asked.durability) == (
+        DurabilityPolicy.VOLATILE,
+        DurabilityPolicy.TRANSIENT_LOCAL,
+    ):
+        yield "durability", offered.durability.short_key, asked.durability.short_key

@@ -24,7 +24,7 @@ from eulerparams_control.parameters.reference import ReferenceParameters
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.parameters import declare
-from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES
+from eulerparams_control.ros.qos import QOS, QOS_LATCHED, overridable
 from eulerparams_control.ros.runtime import run
 
 # Largest number of points: a controller takes some 50 ms to read them, and commands nothing then.
@@ -124,15 +124,17 @@ class ReferenceNode(Node):
             JointState,
             "joint_states",
             self._on_joint_states,
-            QOS,
+            **overridable(QOS),
             raw=True,
-            qos_overriding_options=QOS_OVERRIDES,
         )
         if self._params.robot_description:
             self._set_robot(self._params.robot_description)
         else:
             self.create_subscription(
-                String, "robot_description", self._on_robot_description, QOS_LATCHED
+                String,
+                "robot_description",
+                self._on_robot_description,
+                **overridable(QOS_LATCHED),
             )
 
     def _set_robot(self, urdf: str) -> None:

@@ -9,6 +9,8 @@ import numpy as np
 from sensor_msgs.msg import JointState
 
 from eulerparams_control.control.clock import steady
+from eulerparams_control.control.senders import Source
+from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.messages.from_ros import JointStateReader
 from eulerparams_control.messages.wire import stamp_of
@@ -35,6 +37,10 @@ _CALM = 0.1
 # over the second one at most.
 _SPAN, _LONGEST_SPAN = 0.05, 0.5
 
+# While it is looked at whose states come, a joint that is this distance [rad or m] from where its
+# largest speed could have led it is another's.
+_SAME_ARM = 0.01
+
 State = tuple[int, Array, Array]
 """A measured state: stamp [ns], q, dq (n,)."""
 
@@ -47,6 +53,7 @@ class StateInput:
         health: counts the messages that are deserialised.
 
     Attributes:
+        source: who is believed to publish them.
         measured: stamp [ns], q, dq (n,) of the last valid ones; None before the first.
         unanswered: their stamp as it came; None when they are answered.
         came: when the last valid ones came, steady clock [s].
@@ -59,7 +66,8 @@ class StateInput:
     def __init__(self, time: RosTime, health: Health) -> None:
         self._time, self._read = time, health.reader(JointState, self.concerns)
         self._reader: JointStateReader | None = None
-        self.came = 0.0
+        self.source = Source()
+        self.came = self._stood = 0.0  # the latter: since when their stamp is the same
         self.receipt: float | None = None
         self._latencies: deque[float] = deque(maxlen=_REMEMBERED)
         self._count, self._longest, self._read_at = 0, 0.0, steady.now()
@@ -68,6 +76,7 @@ class StateInput:
 
     def expect(self, robot: Robot, needs_velocity: bool) -> None:
         """Read the joints of a robot from now on."""
+        self.source.forget()
         self._reader, self._limits = JointStateReader(robot.joints, needs_velocity), robot.limits
 
     def concerns(self, msg: Any) -> bool:
@@ -93,22 +102,37 @@ class StateInput:
             return None
         return self._reader.effort_from_ros(self._read(self._last))
 
-    def take(self, data: bytes) -> Sequence[str]:
-        """Take a message at its bytes; raises InvalidMessageError.
+    def take(self, data: bytes, number: int) -> Sequence[str]:
+        """Take a message at its bytes.
+
+        Args:
+            data: the message.
+            number: among those of its publisher.
 
         Returns:
             The joints in it, if none of the arm is among them; else none.
+
+        Raises:
+            InvalidMessageError: if it is broken, or its publisher is not the one that is believed.
         """
         now, last, reader = steady.now(), self.measured, self._reader
         assert reader is not None
-        if (found := reader.from_bytes(data)) is not None:
-            self.unanswered = stamp_of(data)
-        else:
+        found = reader.from_bytes(data)
+        if found is None:
             msg = self._read(data)
             if not reader.concerns(msg):
                 return list(msg.name)
+        if not self.source.hear(number, now):
+            raise InvalidMessageError("another publisher of joint_states is listened to")
+        if found is not None:
+            self.unanswered = stamp_of(data)
+        else:
             found, self.unanswered = reader.from_ros(msg), msg.header.stamp
         t, q, dq = self.measured = found
+        if last is None or t != last[0]:
+            self._stood = now
+        if last is not None and not self.source.is_believed and self._contradict(last, found):
+            self.source.contradict(now)
         if not self.is_commanded and max(map(abs, dq.tolist())) > MOVES:
             self._moved = t
         self.repeats = last is not None and t == last[0] and np.array_equal(q, last[1])
@@ -121,6 +145,12 @@ class StateInput:
         self._before, self.came = self.came, now
         self.receipt = None if self._time.is_simulated else now
         return ()
+
+    def _contradict(self, one: State, other: State) -> bool:
+        """Return whether an arm cannot have been measured so, one state after the other."""
+        dt, limits = (other[0] - one[0]) / 1e9, self._limits
+        way = np.abs(limits.difference(other[1], one[1]))
+        return dt < 0 or bool((way > _SAME_ARM + dt * limits.velocity).any())
 
     def _mark(self, t: int, q: Array) -> None:
         """Remember positions q (n,) stamped t [ns] from time to time."""
@@ -164,6 +194,11 @@ class StateInput:
         if is_commanded:
             self.is_commanded = True
             self._latencies.append(steady.now() - self.came)
+
+    @property
+    def standing(self) -> float:
+        """For how long [s] states came under one stamp."""
+        return self.came - self._stood
 
     def silence(self) -> float:
         """Return how long no valid ones came [s]."""

@@ -25,7 +25,7 @@ from eulerparams_control.parameters.teleop import KEYBOARD, NO_AXIS, SPACENAV, T
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.publishers import refuse_two_publishers
-from eulerparams_control.ros.qos import QOS
+from eulerparams_control.ros.qos import QOS, overridable
 from eulerparams_control.ros.runtime import run
 
 HELP = """
@@ -166,10 +166,9 @@ class TeleopNode(Node):
         if p.device == KEYBOARD:
             self._terminal = Terminal()
             print(HELP, flush=True)
-        elif p.device == SPACENAV:
-            self._input = self.create_subscription(Twist, "spacenav/twist", self._on_device, QOS)
         else:
-            self._input = self.create_subscription(Joy, "joy", self._on_device, QOS)
+            kind, topic = (Twist, "spacenav/twist") if p.device == SPACENAV else (Joy, "joy")
+            self._input = self.create_subscription(kind, topic, self._on_device, **overridable(QOS))
         self._health.set(diagnostics.OK, f"ready: {p.device}", mode=WorkMode.READY)
         self.create_timer(1 / p.rate, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
 

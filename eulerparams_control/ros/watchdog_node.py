@@ -1,6 +1,8 @@
 """The node ``watchdog``: ``joint_effort`` to a driver without a timeout, or what brakes the arm."""
 
 import sys
+from collections.abc import Mapping
+from typing import Any
 
 from builtin_interfaces.msg import Time
 from rclpy.clock import Clock, ClockType
@@ -10,8 +12,10 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from eulerparams_control.control.clock import steady
+from eulerparams_control.control.mode import Why, contested, replaced
+from eulerparams_control.control.senders import Source
 from eulerparams_control.control.watch import Watch, WatchMode
-from eulerparams_control.errors import EulerParamsError, InvalidMessageError
+from eulerparams_control.errors import EulerParamsError, InvalidMessageError, listed
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.messages.from_ros import CommandReader, JointStateReader
@@ -19,9 +23,10 @@ from eulerparams_control.parameters.schemes import TORQUE
 from eulerparams_control.parameters.watchdog import WatchdogParameters
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.commands import CommandPublisher
+from eulerparams_control.ros.message_info import NUMBER, with_info
 from eulerparams_control.ros.parameters import declare
-from eulerparams_control.ros.publishers import refuse_two_publishers
-from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES, QOS_STREAM
+from eulerparams_control.ros.publishers import names_of_publishers, refuse_two_publishers, unheard
+from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_STREAM, overridable
 from eulerparams_control.ros.runtime import run
 
 _RESUME = "see to the controller; when it sends efforts again, call ~/resume"
@@ -45,10 +50,17 @@ class WatchdogNode(Node):
         self._health = diagnostics.Health(self)
         p = self._params = declare(self, self.parameters_type)
         self._watch: Watch | None = None
+        self._source, self._dispute = Source(), Why()  # of joint_states
+        self._health.check = self._see_dispute
         if p.robot_description:
             self._set_robot(p.robot_description)
         else:
-            self.create_subscription(String, "robot_description", self._on_urdf, QOS_LATCHED)
+            self.create_subscription(
+                String,
+                "robot_description",
+                self._on_urdf,
+                **overridable(QOS_LATCHED),
+            )
             text = "waiting for a robot description"
             self._health.set(diagnostics.OK, text, mode=WatchMode.WAITING)
         self.create_service(Trigger, "~/resume", self._on_resume)
@@ -67,11 +79,12 @@ class WatchdogNode(Node):
         self._readers = CommandReader(robot.joints, TORQUE), JointStateReader(robot.joints, True)
         self._driver = CommandPublisher(self, "driver_effort", kind, robot.joints, QOS_STREAM)
         self._watch, self._stamp = Watch(robot, self._params), Time()
-        self._efforts, _ = (
-            self.create_subscription(
-                JointState, topic, take, QOS, qos_overriding_options=QOS_OVERRIDES
+        self._efforts, self._states = (
+            self.create_subscription(JointState, topic, take, **overridable(QOS))
+            for topic, take in (
+                ("joint_effort", self._on_effort),
+                ("joint_states", with_info(self._on_state)),
             )
-            for topic, take in (("joint_effort", self._on_effort), ("joint_states", self._on_state))
         )
         self._send(None)
 
@@ -86,17 +99,43 @@ class WatchdogNode(Node):
         self._stamp = msg.header.stamp
         self._send(self._watch.effort(tau, steady.now()))
 
-    def _on_state(self, msg: JointState) -> None:
+    def _on_state(self, msg: JointState, info: Mapping[str, Any]) -> None:
         assert self._watch is not None
         if not self._readers[1].concerns(msg):  # a gripper's, say
             return
         try:
+            self._believe(info[NUMBER])
             _, q, dq = self._readers[1].from_ros(msg)
         except InvalidMessageError as error:
             self._health.reject("joint_states", error)
             return
         self._stamp = msg.header.stamp
-        self._send(self._watch.state(q, dq, steady.now()))
+        if self._source.look(steady.now(), self._has_several):
+            self._send(self._watch.state(q, dq, steady.now()))
+
+    def _believe(self, number: int) -> None:
+        """Raise InvalidMessageError unless a state of this number may be that of the arm."""
+        is_heard = self._source.hear(number, steady.now())
+        if self._source.is_disputed is not bool(self._dispute.fault):
+            self._see_dispute()
+        if self._source.is_disputed:
+            assert self._watch is not None
+            self._watch.lose_sight()
+            self._send(self._watch.look(steady.now()))
+        if not is_heard:
+            raise InvalidMessageError(
+                self._dispute.fault or "another publisher of joint_states is listened to"
+            )
+
+    def _see_dispute(self) -> None:
+        """Look who publishes joint_states, if that is in dispute."""
+        self._dispute = Why()
+        if self._source.is_disputed:
+            names = listed(names_of_publishers(self, self._states.topic_name))
+            self._dispute = (contested if self._source.is_contested else replaced)(names)
+
+    def _has_several(self) -> bool:
+        return bool(self.count_publishers(self._states.topic_name) > 1)
 
     def _look(self) -> None:
         if self._watch is not None:
@@ -108,11 +147,22 @@ class WatchdogNode(Node):
         if tau is not None:
             self._driver.publish(self._stamp, JointCommand(effort=tau))
         text, remedy = SAYS[self._watch.mode]
+        why, cause = Why(), ""
+        if self._dispute.fault:
+            why = self._dispute
+        elif self._watch.mode in (WatchMode.WAITING, WatchMode.BLIND):
+            why = unheard(self, self._states)
+        if why.fault:
+            text, remedy, cause = f"{why.fault}: {text}", why.remedy, why.cause
         level = diagnostics.ERROR if remedy else diagnostics.OK
-        self._health.set(level, text, remedy, mode=self._watch.mode)
+        self._health.set(level, text, remedy, mode=self._watch.mode, cause=cause)
 
     def _on_resume(self, _request: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
         try:
+            self._source.accept(steady.now())
+            self._see_dispute()
+            if why := self._dispute.fault:
+                raise InvalidMessageError(f"not resumed: {why}")
             if self._watch is not None:
                 self._watch.resume(steady.now())
                 self._send(None)

@@ -27,7 +27,7 @@ from eulerparams_control.messages.keys import WorkMode
 from eulerparams_control.robot.urdf import UrdfTree
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.parameters import declare
-from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_OVERRIDES
+from eulerparams_control.ros.qos import QOS, QOS_LATCHED, overridable
 from eulerparams_control.ros.runtime import run
 from eulerparams_control.tool.identification import LEAST_SPREAD, Identification, identify, spread
 from eulerparams_control.tool.mount import SensorMount
@@ -69,14 +69,15 @@ class IdentifyToolNode(Node):
             (JointState, "joint_states", self._on_joint_states),
             (WrenchStamped, "wrench", self._on_wrench),
         ):
-            self.create_subscription(
-                kind, topic, callback, QOS, qos_overriding_options=QOS_OVERRIDES
-            )
+            self.create_subscription(kind, topic, callback, **overridable(QOS))
         if self._params.robot_description:
             self._set_description(self._params.robot_description)
         else:
             self.create_subscription(
-                String, "robot_description", self._on_robot_description, QOS_LATCHED
+                String,
+                "robot_description",
+                self._on_robot_description,
+                **overridable(QOS_LATCHED),
             )
 
     def _on_robot_description(self, msg: String) -> None:

@@ -39,7 +39,7 @@ from eulerparams_control.messages.keys import WorkMode
 from eulerparams_control.parameters.fields import parameter
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.parameters import declare
-from eulerparams_control.ros.qos import QOS_OVERRIDES, QOS_STREAM
+from eulerparams_control.ros.qos import QOS_STREAM, overridable
 from eulerparams_control.ros.runtime import run
 
 NAME = "intruder"
@@ -170,9 +170,8 @@ class FaultInjectorNode(Node):
                     _type_of(topic),
                     topic,
                     partial(self._on_message, topic),
-                    QOS_STREAM,
+                    **overridable(QOS_STREAM),
                     raw=True,
-                    qos_overriding_options=QOS_OVERRIDES,
                 )
 
     # --- messages ----------------------------------------------------------------------

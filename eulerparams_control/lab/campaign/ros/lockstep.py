@@ -21,6 +21,7 @@ from std_msgs.msg import String
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.control.clock import steady
+from eulerparams_control.control.senders import UNNUMBERED
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.lab.campaign.plan import SequencePlan, faults_of, shaken
 from eulerparams_control.lab.campaign.record import (
@@ -70,7 +71,6 @@ from eulerparams_control.robot.catalogue import RobotDescription
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.control_node import node_class
 from eulerparams_control.ros.qos import QOS_LATCHED, QOS_STREAM
-from sim_bridge.command_source import UNNUMBERED
 from sim_bridge.drive import STOPS as PROTECTIVE_STOPS
 from sim_bridge.drive import Drive
 from sim_bridge.drive_modes import DriveCause, DriveMode

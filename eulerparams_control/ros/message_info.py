@@ -8,6 +8,11 @@ NUMBER = "publication_sequence_number"
 """Key of the info: the publisher counts its messages from 1."""
 
 
+def paired(callback: Callable[[tuple[Any, Mapping[str, Any]]], None]) -> Callable[..., None]:
+    """Return a callback of a subscription that gets a message and its info as one pair."""
+    return with_info(lambda msg, info: callback((msg, info)))
+
+
 def with_info(callback: Callable[[Any, Mapping[str, Any]], None]) -> Callable[..., None]:
     """Return a callback of a subscription that gets a message and its info.
 
