@@ -1,7 +1,7 @@
 """Euler parameters: the vector part of the mutual unit quaternion, eqs. (27), (30), (42), (66)."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 

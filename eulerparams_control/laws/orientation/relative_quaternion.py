@@ -5,7 +5,7 @@ in the elastic moment only.  Its motion depends on the absolute orientation in n
 """
 
 import math
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
