@@ -572,14 +572,15 @@ def test_a_law_without_a_finite_answer_is_told_and_nothing_kept():
     np.testing.assert_array_equal(tick.command.effort, expected.command.effort)
 
 
-def test_hold_needs_no_jacobian_nor_orientation_and_leaves_an_arm_where_others_braked_it():
+def test_hold_needs_no_jacobian_nor_orientation_and_hardly_pushes_an_arm_that_others_brake():
     q, _, _ = at_the_wrist_singularity()
     scheme = dynamic(name="euler_angles", dynamics=InverseDynamics(DampedInverse(eps=0)))
     assert_close(scheme.hold(DT, q, STILL).effort, gravity(q), NULL_SPACE)
     scheme = dynamic(limits_of(joints=replace(UR5.limits, acceleration=np.full(6, 10.0))))
     for k in range(3000):
         command = scheme.hold(0.01, HOME, STILL if k else np.ones(6))
-    assert_close(command.effort, gravity(), 1e-3)  # what its brakes bore fades in 2 s
+        if k > 100:
+            assert (np.abs(command.effort - gravity()) < 0.1 * UR5.limits.effort).all()
 
 
 # --- joints that turn on and on ------------------------------------------------------------
