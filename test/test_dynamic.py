@@ -580,7 +580,7 @@ def test_hold_needs_no_jacobian_nor_orientation_and_hardly_pushes_an_arm_that_ot
     for k in range(3000):
         command = scheme.hold(0.01, HOME, STILL if k else np.ones(6))
         if k > 100:
-            assert (np.abs(command.effort - gravity()) < 0.1 * UR5.limits.effort).all()
+            assert (np.abs(command.effort - gravity()) < 0.2 * UR5.limits.effort).all()
 
 
 # --- joints that turn on and on ------------------------------------------------------------
