@@ -25,6 +25,18 @@ from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 _FELT = 1e-6  # [N], [Nm] smallest contact that is not rounding
 
 
+def in_axes(R: Array, vectors: Array) -> Array:
+    """Return R' v (N, 3): vectors v (N, 3) by their components in axes R (N, 3, 3)."""
+    components: Array = np.einsum("nji,nj->ni", R, vectors)
+    return components
+
+
+def _times(M: Array, x: Array) -> Array:
+    """Return M x (N, 3) for a matrix M (3, 3), or one for each sample (N, 3, 3)."""
+    product: Array = (M @ x[..., None])[..., 0]
+    return product
+
+
 class SensorSeries(NamedTuple):
     """Measurements of a force/torque sensor over time.
 
@@ -192,12 +204,12 @@ class CompliantMotion:
     @cached_property
     def p_cd_d(self) -> Array:
         """(N, 3) [m] displacement from the desired frame, in its axes."""
-        return np.matvec(self.desired.R.mT, self.frames.p - self.desired.p)
+        return in_axes(self.desired.R, self.frames.p - self.desired.p)
 
     @cached_property
     def R_cd(self) -> Array:
         """(N, 3, 3) orientation relative to the desired frame."""
-        R_cd: Array = self.desired.R.mT @ self.frames.R
+        R_cd: Array = np.swapaxes(self.desired.R, 1, 2) @ self.frames.R
         return R_cd
 
     @cached_property
@@ -213,7 +225,7 @@ class CompliantMotion:
     @cached_property
     def x(self) -> Array:
         """(N, 3) [rad/s] angular velocity relative to the desired frame, in its axes."""
-        return np.matvec(self.desired.R.mT, self.frames.omega - self.desired.omega)
+        return in_axes(self.desired.R, self.frames.omega - self.desired.omega)
 
     @cached_property
     def dx(self) -> Array:
@@ -223,7 +235,7 @@ class CompliantMotion:
         of (59)).
         """
         c, d = self.frames, self.desired
-        return np.matvec(d.R.mT, c.domega - d.domega - np.cross(d.omega, c.omega))
+        return in_axes(d.R, c.domega - d.domega - np.cross(d.omega, c.omega))
 
 
 class ImpedanceRun(NamedTuple):
@@ -250,7 +262,7 @@ class ImpedanceRun(NamedTuple):
         return self._in_desired(self.mu)
 
     def _in_desired(self, vectors: Array) -> Array:
-        return np.matvec(self.motion.desired.R.mT, vectors)
+        return in_axes(self.motion.desired.R, vectors)
 
 
 class _Displacement(NamedTuple):
@@ -275,8 +287,8 @@ def translational_residual(
     c, d = compliant.frames, compliant.desired
     in_base = frame == "base"
     x, dx, ddx = _in_base(c, d) if in_base else _in_desired(c, d)
-    f = f if in_base else np.matvec(d.R.mT, f)
-    residual: Array = f - (np.matvec(Z.M, ddx) + np.matvec(Z.D, dx) + np.matvec(Z.K, x))
+    f = f if in_base else in_axes(d.R, f)
+    residual: Array = f - (_times(Z.M, ddx) + _times(Z.D, dx) + _times(Z.K, x))
     return residual
 
 
@@ -291,10 +303,10 @@ def rotational_residual(compliant: CompliantMotion, mu: Array, Z: Impedance | Im
         Z: M_o, D_o, K_o.
     """
     eta, eps = compliant.Q_cd[:, :1], compliant.Q_cd[:, 1:]
-    K_eps = np.matvec(Z.K, eps)
+    K_eps = _times(Z.K, eps)
     mu_E = 2 * (eta * K_eps + np.cross(eps, K_eps))  # 2 E' K_o eps, eqs. (60), (66)
-    mu_d = np.matvec(compliant.desired.R.mT, mu)
-    residual: Array = mu_d - (np.matvec(Z.M, compliant.dx) + np.matvec(Z.D, compliant.x) + mu_E)
+    mu_d = in_axes(compliant.desired.R, mu)
+    residual: Array = mu_d - (_times(Z.M, compliant.dx) + _times(Z.D, compliant.x) + mu_E)
     return residual
 
 
@@ -308,4 +320,4 @@ def _in_desired(c: Frames, d: Frames) -> _Displacement:
     omega, domega = d.omega, d.domega
     dx = dp - np.cross(omega, p)  # in base axes, as seen from the frame that turns
     ddx = ddp - np.cross(domega, p) - 2 * np.cross(omega, dx) - np.cross(omega, np.cross(omega, p))
-    return _Displacement(*(np.matvec(d.R.mT, v) for v in (p, dx, ddx)))
+    return _Displacement(*(in_axes(d.R, v) for v in (p, dx, ddx)))

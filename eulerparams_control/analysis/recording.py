@@ -23,6 +23,7 @@ from eulerparams_control.analysis.compliant import (
     SensorSeries,
     Wrenches,
     impedances,
+    in_axes,
     shifted,
 )
 from eulerparams_control.analysis.controllers import options_of, parameters_to_blame, recorded
@@ -198,9 +199,10 @@ class Recording(RecordedRun):
                 raise BagError(f"the wrench cannot be moved to the tip: {error}") from error
         R_e = self.measured.R_e[self.measured.before(sensed.t)]
         if options.tool is not None and options.weight:
-            weight = options.tool.mass * np.matvec(R_e.mT, np.array(options.gravity))
+            weight = options.tool.mass * (np.array(options.gravity) @ R_e)
             f_t, mu_t = f_t - weight, mu_t - np.cross(options.tool.com, weight)
-        return Wrenches(sensed.t, np.matvec(R_e, f_t), np.matvec(R_e, mu_t))
+        f, mu = (np.einsum("nij,nj->ni", R_e, v) for v in (f_t, mu_t))
+        return Wrenches(sensed.t, f, mu)
 
     @cached_property
     def _told(self) -> ImpedanceParameters:
@@ -245,9 +247,9 @@ class Recording(RecordedRun):
         last = np.searchsorted(targets.t, wrench.t, side="right") - 1
         counts = (last >= 0) & (wrench.t - targets.t[last] <= told.target_timeout)
         asked, in_base = targets.w[last, :3], targets.frames[last] != self.robot.tip_frame
-        f_d = np.where(in_base[:, None], np.matvec(R.mT, asked), asked @ centre.R)
+        f_d = np.where(in_base[:, None], in_axes(R, asked), asked @ centre.R)
         f_d[~counts] = np.nan
-        return PressedForce(wrench.t, -on * np.matvec(R.mT, wrench.f), on * f_d, R, on)
+        return PressedForce(wrench.t, -on * in_axes(R, wrench.f), on * f_d, R, on)
 
     def compliant_frames(self, series: Series) -> Frames:
         """Return the compliant frame at each instant of a series, none where there is none."""

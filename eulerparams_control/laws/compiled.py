@@ -549,10 +549,12 @@ def _say_once() -> None:
 
 
 def fingerprint() -> str:
-    """Return what changes with the contents of the files that have formulas."""
+    """Return what changes with the contents of the files that have formulas, or with numba."""
     found = (file for room in _ROOMS for file in (room, *room.rglob("*.py")))
     files = sorted(file for file in found if file.is_file())
-    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
+    compiler = numba.__version__.encode() if IS_COMPILED else b""
+    contents = b"".join(file.read_bytes() for file in files)
+    return hashlib.sha256(compiler + contents).hexdigest()[:12]
 
 
 @cache

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.analysis.compliant import ActingImpedance, Wrenches
+from eulerparams_control.analysis.compliant import ActingImpedance, Wrenches, in_axes
 from eulerparams_control.analysis.quantities.base import (
     XYZ,
     Axis,
@@ -54,7 +54,7 @@ def _wrench(recording: Recording, part: str, frame: str) -> Samples:
     if frame == "base":
         return wrench.t, values
     R_d = desired_rotations(recording, wrench.t)
-    return compared(wrench.t, np.einsum("nji,nj->ni", R_d, values))  # R_d' v
+    return compared(wrench.t, in_axes(R_d, values))
 
 
 @reduced("force", "N", "contact force", "peak", "least", "final", vectors=True)
@@ -141,7 +141,7 @@ def contact_energy(recording: Recording) -> Samples:
     _, mu = moment(recording)
     arm = recording.measured
     before = arm.before(t)
-    power = -np.vecdot(f, arm.kinematics.dp_e[before]) - np.vecdot(mu, arm.omega_e[before])
+    power = -(f * arm.kinematics.dp_e[before] + mu * arm.omega_e[before]).sum(axis=1)
     return t, np.concatenate([[0.0], np.cumsum(power[1:] * np.diff(t))])
 
 

@@ -96,7 +96,7 @@ def work_of_contact(recording: Recording) -> Samples:
 
 def _work(w: Array, p: Array, R: Array) -> Array:
     """Return the work (N - 1,) [J] of wrenches (N, 6) between poses, by the trapezoidal rule."""
-    turned = rotation_vector(quaternion(R[1:] @ R[:-1].mT))
+    turned = rotation_vector(quaternion(R[1:] @ np.swapaxes(R[:-1], 1, 2)))
     work: Array = ((w[1:] + w[:-1]) / 2 * np.hstack([np.diff(p, axis=0), turned])).sum(axis=1)
     return work
 

@@ -162,8 +162,8 @@ class RelativeQuaternionRepresentation(OrientationRepresentation):
         Eqs. (68), (69), the latter with the power of the contact moment.
         """
         energy = self.elastic_energy(quaternion(R_cd), Z.K)
-        kinetic = np.vecdot(x, x @ Z.M) / 2
-        return Lyapunov(kinetic + energy, np.vecdot(mu_d, x) - np.vecdot(x @ Z.D, x))
+        kinetic = np.sum(x * (x @ Z.M), axis=-1) / 2
+        return Lyapunov(kinetic + energy, np.sum(mu_d * x - x * (x @ Z.D), axis=-1))
 
 
 def _turned(half: float, axis: Array) -> EulerParameters:

@@ -24,7 +24,7 @@ MU, MU_SOFT = np.array([-8.0, 5.66025404, 10.19615242]), np.array([0.0, 4.0, 0.0
 def run() -> Result:
     """Return how far both are apart over random K_R, and which K_R a stiff axis needs."""
     halves = generator(71).normal(size=(COUNT, 3, 3))
-    K_Rs = 20.0 * (halves + halves.mT) / 2  # any sign
+    K_Rs = 20.0 * (halves + np.swapaxes(halves, 1, 2)) / 2  # any sign
     apart = np.array([_apart(K_R, R) for K_R, R in zip(K_Rs, rotations(COUNT, 72), strict=True)])
     ratios = np.geomspace(1.0, 100.0, 41)
     least = [float(np.linalg.eigvalsh(K_R_of(np.diag([k, 1.0, 1.0])))[0]) for k in ratios]
