@@ -5,6 +5,10 @@ VENV := .venv
 PYTHON := $(VENV)/bin/python
 FIRST := $(VENV)/.first
 READY := $(VENV)/.rest
+FLOOR := .venv-floor
+# Laws, nodes, bags, analysis: what calls the libraries whose versions differ.
+FLOOR_TESTS := rotations orientation dynamic impedance impedance_metrics analysis analyze static_figures \
+  bag_format bag_recorder markers nodes impedance_node
 OUT ?= out
 JOBS ?=
 
@@ -12,7 +16,7 @@ export ROS_PYTHON_CHECK_FIELDS ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 unexport PYTHONDONTWRITEBYTECODE  # or each process of a run or a test compiles all again
 
-.PHONY: setup compiled demo live test test-long bench paper compare map faults soak two-hosts docs picture lint clean
+.PHONY: setup compiled demo live test test-long test-floor bench paper compare map faults soak two-hosts docs picture lint clean
 
 setup: $(READY)
 
@@ -42,6 +46,15 @@ test: compiled
 # One after the other: many of these tests run in real time. Fuzzing has all its examples here.
 test-long: compiled
 	@$(PYTHON) -m pytest -m "slow or hypothesis" --durations 20 $(ARGS)
+
+# With the oldest libraries that the package runs with: what ROS 2 Jazzy has on Ubuntu 24.04.
+$(FLOOR)/.floor: setup.py setup.cfg package.xml tools/setup tools/floor.txt
+	@bash tools/setup $(FLOOR) floor
+
+test-floor: $(FLOOR)/.floor
+	@$(FLOOR)/bin/python -m eulerparams_control.control.compile_laws
+	@$(FLOOR)/bin/python -m pytest -n 2 --dist loadfile -m "not slow" --hypothesis-profile quick \
+	  --durations 10 $(FLOOR_TESTS:%=test/test_%.py) $(ARGS)
 
 # As users run it, without the checks of fields.  Some minutes; see ARGS=--help.
 bench: $(READY)
@@ -80,5 +93,5 @@ lint: $(READY)
 	@$(VENV)/bin/mypy eulerparams_control sim_bridge
 
 clean:
-	rm -rf $(VENV) $(OUT) build install log *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(FLOOR) $(OUT) build install log *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

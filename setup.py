@@ -1,36 +1,53 @@
 """Build and install eulerparams_control with pip or colcon."""
 
-import os
 from glob import glob
 from pathlib import Path
-from runpy import run_path
 
 from setuptools import find_packages, setup
 from setuptools.command.develop import develop
 
 PACKAGE = "eulerparams_control"
+SHARE = f"share/{PACKAGE}"
 SCRIPTS = f"$base/lib/{PACKAGE}"
+EXECUTABLES = [
+    "analyze",
+    "bag_recorder",
+    "clik",
+    "compile_laws",
+    "compliance_control",
+    "dynamic_control",
+    "experiment",
+    "failure_map",
+    "fault_campaign",
+    "fault_injector",
+    "identify_tool",
+    "impedance_control",
+    "live",
+    "pybullet_bridge",
+    "reference",
+    "teleop",
+    "watchdog",
+]
+ANALYSIS = [
+    "plotly>=6",
+    "matplotlib>=3.6",
+    "pyarrow<26",  # 26 needs numpy 2
+    "meshcat",
+    "rich>=13.7",
+    "jinja2>=3.1",
+    "pycollada",
+]
+LAB = ["dask[distributed]"]
+LIVE = ["viser>=1.1"]
 SCRIPT = """#!/bin/sh
 # pip puts the entry points into bin, where `ros2 run` does not look; it finds this file.
 exec "$(dirname "$0")/../../bin/$(basename "$0")" "$@"
 """
 
-command_line = run_path(f"{PACKAGE}/command_line.py")
-extras = {name: list(packages) for name, packages in command_line["EXTRAS"].items()}
-
-
-def config_files():
-    """Return the folders config, subfolders kept, and launch as data files."""
-    every = filter(os.path.isfile, glob("config/**/*.*", recursive=True))
-    folders = sorted({str(Path(file).parent) for file in every})
-    files = {folder: sorted(filter(os.path.isfile, glob(f"{folder}/*.*"))) for folder in folders}
-    files["launch"] = sorted(glob("launch/*.launch.py"))
-    return [(f"share/{PACKAGE}/{folder}", names) for folder, names in files.items()]
-
 
 def scripts():
     """Write the scripts that `ros2 run` finds; return their paths."""
-    files = [Path("build", "executables", name) for name in command_line["executables"]()]
+    files = [Path("build", "executables", name) for name in EXECUTABLES]
     for file in files:
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(SCRIPT, encoding="utf-8")
@@ -53,35 +70,58 @@ setup(
     package_data={f"{PACKAGE}.analysis": ["assets/*.css", "assets/*.js", "templates/*.html"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
-        (f"share/{PACKAGE}", ["package.xml"]),
+        (SHARE, ["package.xml"]),
+        (f"{SHARE}/launch", glob("launch/*.launch.py")),
+        (f"{SHARE}/config", glob("config/*.yaml")),
+        (f"{SHARE}/config/experiments", glob("config/experiments/*.yaml")),
+        (f"{SHARE}/config/maps", glob("config/maps/*.yaml")),
+        (f"{SHARE}/config/paper", glob("config/paper/*.yaml")),
+        (f"{SHARE}/config/robots", glob("config/robots/*.yaml")),
+        (f"{SHARE}/config/views", glob("config/views/*.*")),
         (f"lib/{PACKAGE}", scripts()),
-        *config_files(),
     ],
     python_requires=">=3.12",
+    # No more than ROS 2 Jazzy has on Ubuntu 24.04; tools/floor.txt has the oldest that is tested.
     install_requires=[
         "ros-jazzy-rclpy[fastrtps]",
         "ros-jazzy-common-interfaces",
-        "pin>=4.1",
-        "numpy>=2.2",
-        "numba>=0.61",
-        "pybullet>=3.2.7",
+        "pin>=3",
+        "numpy>=1.26",
+        "numba>=0.59",
+        # The module is the same; the name has a wheel, so that nothing is compiled.
+        "pybullet-arm64>=3.2.7; sys_platform == 'linux' and platform_machine == 'x86_64' "
+        "and python_version < '3.14'",
+        "pybullet>=3.2.7; sys_platform != 'linux' or platform_machine != 'x86_64' "
+        "or python_version >= '3.14'",
         "example-robot-data",
         "mcap>=1.6",
         "mcap-ros2-support>=0.5",
         "lz4",
         "ruckig>=0.12",
         "zstandard",
-        "PyYAML",
+        "PyYAML>=6.0.1",
     ],
     extras_require={
-        **extras,
-        "all": sorted({package for packages in extras.values() for package in packages}),
+        "analysis": ANALYSIS,
+        "lab": ANALYSIS + LAB,
+        "live": [*LIVE, "pycollada"],
+        "all": ANALYSIS + LAB + LIVE,
         "test": [
-            *("pytest", "pytest-xdist", "hypothesis", "rosbags", "playwright", "gymnasium"),
+            "pytest",
+            "pytest-xdist",
+            "hypothesis",
+            "rosbags",
+            "playwright",
+            "gymnasium",
             "colcon-common-extensions",
         ],
         "dev": [
-            *("ruff", "mypy", "pin-pink", "quadprog", "mkdocs-material", "mkdocstrings[python]"),
+            "ruff",
+            "mypy",
+            "pin-pink",
+            "quadprog",
+            "mkdocs-material",
+            "mkdocstrings[python]",
             "sdu_controllers",  # (59), (60) by others
         ],
     },
@@ -90,6 +130,8 @@ setup(
     maintainer_email="maintainers@example.com",
     description="Cartesian control of robot arms with Euler parameters",
     license="Apache-2.0",
-    entry_points={"console_scripts": command_line["entry_points"]()},
+    entry_points={
+        "console_scripts": [f"{name} = {PACKAGE}.command_line:{name}" for name in EXECUTABLES]
+    },
     options=options(),
 )

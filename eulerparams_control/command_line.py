@@ -1,13 +1,11 @@
 """The executables: where they are, the extras that they need, what their command lines share.
 
 ``python -m eulerparams_control.command_line NAME`` runs one where no scripts are installed.
-``setup.py`` runs this file where nothing is installed yet.
 """
 
 import argparse
 import gc
 import os
-import re
 import sys
 from collections.abc import Callable
 from functools import cache, partial
@@ -15,6 +13,8 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from eulerparams_control.events import ExitCode
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -32,14 +32,11 @@ PROGRAMS = {
 }
 """The modules of the executables that are not named after their file."""
 
-_ANALYSIS = ("plotly>=6", "matplotlib", "pyarrow", "meshcat", "rich", "jinja2", "pycollada")
-EXTRAS = {
-    "analysis": _ANALYSIS,
-    "lab": (*_ANALYSIS, "dask[distributed]"),
-    "live": ("viser>=1.1", "pycollada"),
-}
+_ANALYSIS = ("plotly", "matplotlib", "pyarrow", "meshcat", "rich", "jinja2", "pycollada")
+EXTRAS = {"analysis": _ANALYSIS, "lab": (*_ANALYSIS, "dask"), "live": ("viser", "pycollada")}
 """Packages that the programs in the rooms of these names need, as extras of pip."""
 
+_SIMULATOR = ("pybullet", "pybullet_data")
 _MODULES = {"pycollada": "collada"}  # of packages whose modules have another name
 _PLAIN_WIDTH = 110  # characters of a table where there is no terminal
 
@@ -56,20 +53,10 @@ def executables() -> dict[str, str]:
     return nodes | PROGRAMS
 
 
-def entry_points() -> list[str]:
-    """Return all executables as entry points; each is an attribute of this module."""
-    return [f"{name} = eulerparams_control.command_line:{name}" for name in executables()]
-
-
 def extra_of(name: str) -> str:
     """Return the extra that an executable needs; "" if none."""
     room = PROGRAMS.get(name, "").split(".")[1:2]
     return room[0] if room and room[0] in EXTRAS else ""
-
-
-def package_name(requirement: str) -> str:
-    """Return the package of a requirement, without versions and extras."""
-    return re.split(r"[<>=\[]", requirement)[0]
 
 
 def __getattr__(name: str) -> Any:
@@ -79,22 +66,29 @@ def __getattr__(name: str) -> Any:
 
 
 def _run(name: str, args: list[str] | None = None) -> int:
-    """Run a program; return its exit code, 2 if a package of its extra is missing.
+    """Run a program; return its exit code, 2 if a package of its extra or PyBullet is missing.
 
     Imports take seconds: who interrupts them with Ctrl-C gets 130 and no traceback.
     """
     try:
         return _imported(name, args)
     except KeyboardInterrupt:
-        from eulerparams_control.events import ExitCode  # not where setup.py runs this file
-
         return ExitCode.INTERRUPTED
+    except ModuleNotFoundError as error:
+        if error.name not in _SIMULATOR:
+            raise
+        print(
+            f"error: {name} needs PyBullet, the simulator, which is not installed; the computer of "
+            "a robot does without it. To simulate: pip install pybullet-arm64 (Linux on x86_64), "
+            "or pybullet, which is compiled",
+            file=sys.stderr,
+        )
+        return 2
 
 
 def _imported(name: str, args: list[str] | None) -> int:
     extra = extra_of(name)
-    packages = map(package_name, EXTRAS.get(extra, ()))
-    missing = [p for p in packages if find_spec(_MODULES.get(p, p)) is None]
+    missing = [p for p in EXTRAS.get(extra, ()) if find_spec(_MODULES.get(p, p)) is None]
     if missing:
         print(
             f"error: {name} needs {', '.join(missing)}; install the extra '{extra}', in the folder "

@@ -1,6 +1,6 @@
 """The package as pip and colcon install it and `ros2 run` looks for it, and its set-up."""
 
-import ast
+import json
 import os
 import re
 import shutil
@@ -15,10 +15,12 @@ from pathlib import Path
 
 import pytest
 import yaml
+from packaging.markers import default_environment
+from packaging.requirements import Requirement
 
 from eulerparams_control import command_line
 from eulerparams_control.analysis.html import SCRIPTS
-from eulerparams_control.command_line import EXTRAS, executables, extra_of, package_name
+from eulerparams_control.command_line import EXTRAS, executables, extra_of
 
 ROOT = Path(__file__).resolve().parents[1]
 EXECUTABLES = {
@@ -125,6 +127,17 @@ def test_setup_installs_executables_and_definitions_where_they_are_looked_for(so
     assert installed == {path.name for path in (ROOT / templates).iterdir()}
 
 
+def arguments_of_setup():
+    """Return what setup.py gives to setuptools."""
+    code = "import json, setuptools; setuptools.setup = lambda **given: print(json.dumps(given))"
+    return json.loads(run(sys.executable, "-c", f"{code}; exec(open('setup.py').read())", cwd=ROOT))
+
+
+def package_name(requirement):
+    """Return the package of a requirement, without versions, extras and markers."""
+    return re.split(r"[<>=\[; ]", requirement)[0]
+
+
 def python(code, *blocked):
     """Return how a Python ends that runs ``code`` where some packages are not installed."""
     block = "".join(f"sys.modules[{name!r}] = None; " for name in blocked)
@@ -134,8 +147,7 @@ def python(code, *blocked):
     )  # fmt: skip
 
 
-PACKAGES = {package_name(each) for extra in EXTRAS.values() for each in extra}
-PACKAGES |= {"distributed", "collada"}
+PACKAGES = {each for extra in EXTRAS.values() for each in extra} | {"distributed", "collada"}
 
 
 def test_the_executables_of_a_robot_need_no_extra():
@@ -155,6 +167,53 @@ def test_an_executable_whose_extra_is_missing_says_so_in_one_line(name):
     assert f"{name} needs {'viser, pycollada' if is_page else 'plotly, rich'}" in line
     assert f"make setup, or pip install -e '.[{extra_of(name)}]'" in line
     assert result.returncode == 2
+
+
+@pytest.mark.parametrize("name", ["pybullet_bridge"])
+def test_where_the_simulator_is_missing_one_line_says_so(name):
+    code = f"from eulerparams_control.command_line import {name}; sys.exit({name}(['--help']))"
+    result = python(code, "pybullet")
+    (line,) = result.stderr.splitlines()
+    assert f"{name} needs PyBullet, the simulator" in line
+    assert "the computer of a robot does without it" in line
+    assert result.returncode == 2
+
+
+def test_a_robot_needs_no_simulator():
+    result = python(
+        "from eulerparams_control.command_line import clik; sys.exit(clik(['--help']))",
+        "pybullet", "pybullet_data",
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+
+
+def test_setup_lists_what_the_package_has():
+    given = arguments_of_setup()
+    scripts = given["entry_points"]["console_scripts"]
+    names = [line.partition(" = ") for line in scripts]
+    assert {(name, target) for name, _, target in names} == {
+        (name, f"eulerparams_control.command_line:{name}") for name in executables()
+    }
+    extras = {
+        extra: {package_name(each) for each in packages}
+        for extra, packages in given["extras_require"].items()
+    }
+    assert {extra: {*packages} for extra, packages in EXTRAS.items()} == {
+        extra: extras[extra] for extra in EXTRAS
+    }
+    assert extras["all"] == {each for packages in EXTRAS.values() for each in packages}
+
+
+@pytest.mark.parametrize("machine", ["x86_64", "aarch64"])
+def test_pybullet_comes_as_a_wheel_where_there_is_one(machine):
+    environment = default_environment() | {"sys_platform": "linux", "platform_machine": machine}
+    asked = [
+        requirement.name
+        for requirement in map(Requirement, arguments_of_setup()["install_requires"])
+        if "pybullet" in requirement.name
+        and (requirement.marker is None or requirement.marker.evaluate(environment))
+    ]
+    assert asked == ["pybullet-arm64" if machine == "x86_64" else "pybullet"]
 
 
 def test_each_executable_is_an_entry_point_with_a_main():
@@ -239,24 +298,30 @@ PYTHON = """#!/bin/sh
 case "$*" in
   *"-m venv"*) for last; do :; done; mkdir -p "$last/bin"
                cp "$0" "$last/bin/python"; cp "$0" "$last/bin/pip"; touch "$last/pyvenv.cfg";;
-  *egg_info*) for last; do :; done; mkdir -p "$last/x.egg-info"
-              printf 'numpy\\npybullet>=3\\n\\n[dev]\\nmypy\\n' >"$last/x.egg-info/requires.txt";;
   *"show -q pybullet"*) exit 1;;
-  *needed.txt*) for last; do :; done; ! grep -q mypy "$last" || exit 1;;
   *"$FAILS"*) exit 1;;
 esac
 """
+# All that set-up calls beside Python.
+TOOLS = ("bash", "sh", "grep", "mkdir", "cp", "rm", "touch", "sleep", "setsid")
 
 
 @pytest.fixture
 def set_up(tmp_path):
-    """Return a function that runs set-up where a command with some words fails."""
-    for name in ("python3.12", "g++"):
-        (tmp_path / name).write_text(PYTHON, encoding="utf-8")
-        (tmp_path / name).chmod(0o755)
+    """Return a function that runs set-up where a command with some words fails.
 
-    def run(fails, part="first"):
-        env = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "FAILS": fails}
+    There is no compiler on its path.
+    """
+    path = tmp_path / "path"
+    path.mkdir()
+    for tool in TOOLS:
+        (path / tool).symlink_to(shutil.which(tool))
+    for name, script in {"python3.12": PYTHON, "uname": '#!/bin/sh\necho "$MACHINE"\n'}.items():
+        (path / name).write_text(script, encoding="utf-8")
+        (path / name).chmod(0o755)
+
+    def run(fails, part="first", machine="Linux x86_64"):
+        env = {"PATH": str(path), "FAILS": fails, "MACHINE": machine}
         return subprocess.run(
             ["bash", SETUP, str(tmp_path / "venv"), part],
             env=env, cwd=tmp_path, capture_output=True, text=True, timeout=100, check=False,
@@ -265,7 +330,7 @@ def set_up(tmp_path):
     return run
 
 
-@pytest.mark.parametrize("part", ["first", "rest"])
+@pytest.mark.parametrize("part", ["first", "rest", "floor"])
 def test_each_step_says_what_it_does_and_when_it_began(set_up, tmp_path, part):
     for each in ("first", part):
         result = set_up("nothing fails", each)
@@ -280,7 +345,7 @@ def test_each_step_says_what_it_does_and_when_it_began(set_up, tmp_path, part):
 @pytest.mark.parametrize(
     ("fails", "words"),
     [("--upgrade pip", "pip could not be set up"), ("compile_laws", "laws could not be compiled"),
-     ("wheel --no-deps", "pybullet could not be built")],
+     ("--editable", "the packages could not be installed")],
 )  # fmt: skip
 def test_a_step_that_fails_ends_it_in_one_line(set_up, tmp_path, fails, words):
     result = set_up(fails)
@@ -289,3 +354,11 @@ def test_a_step_that_fails_ends_it_in_one_line(set_up, tmp_path, fails, words):
     assert words in line
     assert result.returncode == 1
     assert not (tmp_path / "venv" / ".first").exists()
+
+
+def test_where_neither_a_compiler_nor_a_wheel_of_pybullet_is_there_one_line_says_so(set_up):
+    result = set_up("nothing fails", machine="Linux aarch64")
+    (line,) = result.stderr.splitlines()
+    assert "pybullet has no wheel for Linux aarch64" in line
+    assert "there is no C++ compiler" in line
+    assert result.returncode == 1

@@ -13,7 +13,7 @@ _ROOT = Path(__file__).resolve().parents[3]
 _PACKAGES = ("eulerparams_control", "sim_bridge")
 _PARTS = ("*.py", "analysis/assets/*", "analysis/templates/*")  # of code and pages
 _BESIDE = {"analysis", "live", "lab"}  # the rooms that no node of a run needs
-_LIBRARIES = ("pin", "pybullet", "numpy")  # what the numbers of a run are calculated with
+_LIBRARIES = ("pin", "pybullet", "pybullet-arm64", "numpy")  # what calculates the numbers of a run
 
 
 def digest(content: Any) -> str:
