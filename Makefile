@@ -16,7 +16,7 @@ export ROS_PYTHON_CHECK_FIELDS ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 unexport PYTHONDONTWRITEBYTECODE  # or each process of a run or a test compiles all again
 
-.PHONY: setup compiled demo live test test-long test-floor bench paper compare map faults soak two-hosts docs picture lint clean
+.PHONY: setup compiled demo live test test-long test-floor floor-tests bench paper compare map faults soak two-hosts docs picture lint clean
 
 setup: $(READY)
 
@@ -55,6 +55,9 @@ test-floor: $(FLOOR)/.floor
 	@$(FLOOR)/bin/python -m eulerparams_control.control.compile_laws
 	@$(FLOOR)/bin/python -m pytest -n 2 --dist loadfile -m "not slow" --hypothesis-profile quick \
 	  --durations 10 $(FLOOR_TESTS:%=test/test_%.py) $(ARGS)
+
+floor-tests:
+	@echo $(FLOOR_TESTS:%=test/test_%.py)
 
 # As users run it, without the checks of fields.  Some minutes; see ARGS=--help.
 bench: $(READY)

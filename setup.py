@@ -128,6 +128,7 @@ setup(
     zip_safe=False,
     maintainer="eulerparams_control maintainers",
     maintainer_email="maintainers@example.com",
+    url="https://example.com/eulerparams_control",
     description="Cartesian control of robot arms with Euler parameters",
     license="Apache-2.0",
     entry_points={
