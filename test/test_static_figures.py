@@ -171,8 +171,12 @@ def test_what_theory_says_is_dashed_and_named(run):
 def test_the_time_near_either_singularity_is_shaded_so_that_they_differ(run):
     near = replace(run, near_pole=[(0.2, 0.4), (0.3, 0.5)], near_singular=[(1.0, 1.5)])
     figure = quantity_figure([near], ORIENTATION_ERROR)
-    shades = figure.axes[0].patches
-    spans = [(p.get_x(), p.get_x() + p.get_width(), bool(p.get_hatch())) for p in shades]
+    axes = figure.axes[0]
+    times = axes.transData.inverted()
+    spans = [
+        (*times.transform_bbox(shade.get_extents()).intervalx, bool(shade.get_hatch()))
+        for shade in axes.patches
+    ]
     assert sorted(spans) == [
         pytest.approx((0.2, 0.5, False)),  # merged: laid over each other they would be darker
         pytest.approx((1.0, 1.5, True)),

@@ -4,7 +4,7 @@ import argparse
 import math
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, nullcontext
 from pathlib import Path
 
 from rich.console import Console
@@ -113,7 +113,8 @@ def _digests(options: argparse.Namespace, console: Console) -> tuple[list[Digest
     digests, failed, names = [], False, set[str]()
     shown = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn())
     columns, quiet = (*shown, TimeElapsedColumn()), not console.is_terminal
-    with Progress(*columns, console=console, transient=True, disable=quiet) as progress:
+    progress = Progress(*columns, console=console, transient=True, disable=quiet)
+    with nullcontext() if quiet else progress:  # rich 13.7 ends a disabled one with an empty line
         for path in options.bags:
             bag = None
             try:
