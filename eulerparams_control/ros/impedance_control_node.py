@@ -10,7 +10,7 @@ from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from std_srvs.srv import Trigger
 
 from eulerparams_control.control.controller import Controller
-from eulerparams_control.control.mode import STIFFNESS_WAITS, Why, calmed
+from eulerparams_control.control.mode import STIFFNESS_WAITS, Cause, Why, calmed
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, RobotError
 from eulerparams_control.laws.compliant_frame import ComplianceLaw
 from eulerparams_control.laws.impedance_control import ImpedanceControl
@@ -202,9 +202,11 @@ class ImpedanceControlNode(ControlNode):
 
     def doubt(self) -> Why:
         """Return why it is not known whose messages come; Why() if it is, or will be soon."""
-        why = super().doubt()
-        if not why.fault and self._sensor.trouble.note:
+        why, trouble = super().doubt(), self._sensor.trouble
+        if not why.fault and trouble.note:
             why = unheard(self, self._wrench)
+        if not why.fault and trouble.cause is Cause.WRENCH_RATE_TOO_LOW:
+            why = trouble._replace(fault=f"{trouble.note} (topic {self._wrench.topic_name})")
         return why
 
     def refusal(self) -> str:
