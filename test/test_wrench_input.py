@@ -2,9 +2,10 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from ros_processes import FRAMES, Controlled, values
+from ros_processes import FRAMES, HOME, MODEL, Controlled, values, wrench_stamped
 from test_sources import Started, an_arm, go_on
 
 NAME = "impedance_control"
@@ -93,3 +94,66 @@ def test_one_gap_or_two_are_no_rate(world):
         arm.sensor.on = True
     arm.ticks(50)
     assert "frozen" not in node.status().message
+
+
+# --- frames -------------------------------------------------------------------------------------
+def measures(arm: Any, frame_id: str, axes: str = "tool0") -> None:
+    """Let the sensor of an arm measure about the tip in the axes of a link, and name a frame."""
+
+    def message(arm: Any, stamp: Any) -> Any:
+        R = MODEL.link_at(axes, arm.q).R
+        w = (arm.contact().reshape(2, 3) @ R).ravel()
+        w[5] += 1e-12 * (stamp.nanosec // 1_000_000 % 7)  # it is no sensor that is stuck
+        return wrench_stamped(*w, frame=frame_id, stamp=stamp)
+
+    arm.sensor.message = message
+
+
+def test_that_the_frame_of_a_wrench_without_one_is_assumed_is_told(world):
+    arm = an_arm(world, NAME)
+    measures(arm, frame_id="")
+    node = Started(world, NAME, arm)
+    (*_, status) = told(arm, 2.0)
+    assert values(status)["wrench frame"].startswith("tool0, assumed: the frame_id of the wrench")
+    assert arm.commands
+    assert node.process.log.count("is taken to be in tool0") == 1
+    measures(arm, frame_id="ee_link")
+    (*_, status) = told(arm, 2.0)
+    assert values(status)["wrench frame"] == "ee_link"
+
+
+@pytest.mark.parametrize("frame", ["base_link", "base", "forearm_link"])
+def test_a_wrench_in_axes_that_the_arm_turns_is_refused_with_what_turns_it_rightly(world, frame):
+    arm = an_arm(world, NAME)
+    measures(arm, frame_id=frame)
+    node = Started(world, NAME, arm)
+    go_on(arm, 1.0)
+    assert f"the frame '{frame}' is not fixed to the tip 'tool0'" in node.process.log
+    assert f"set wrench_axes to {frame}; wrench_frame would turn its" in node.process.log
+    assert arm.commands == []
+
+
+def test_a_frame_that_is_no_link_is_refused_with_wrench_frame(world):
+    arm = an_arm(world, NAME)
+    measures(arm, frame_id="ft_sensor")
+    node = Started(world, NAME, arm)
+    go_on(arm, 0.5)
+    assert "set wrench_frame if the driver names another frame than the URDF" in node.process.log
+
+
+@pytest.mark.parametrize("link", ["base_link", "base", "forearm_link"])
+def test_a_wrench_about_the_tip_in_the_axes_of_a_link_is_turned_by_the_kinematics(world, link):
+    arm = an_arm(world, NAME)
+    Started(world, NAME, arm, wrench_axes=link, max_activation_force=100.0)
+    measures(arm, frame_id="anything", axes=link)
+    arm.push(3.0, -5.0, 7.0, 0.1, 0.2, -0.3)  # base axes, about the tip
+    go_on(arm, 1.5)
+    node = world.running[-1].node
+    scheme = node._controller.scheme
+    for q in (HOME, HOME + 0.01 * np.arange(6.0)):
+        arm.q = q
+        go_on(arm, 0.3)
+        tick = scheme.chain.contact(node._sensor.fresh, MODEL.state(q, 0.0 * q), None, 0.004)
+        np.testing.assert_allclose(tick, [3.0, -5.0, 7.0, 0.1, 0.2, -0.3], atol=1e-6)
+    (*_, status) = told(arm, 2.0)
+    assert values(status)["wrench frame"] == f"about tool0, axes of {link}"
