@@ -131,6 +131,37 @@ def test_velocities_that_are_missed_once_are_known_again_with_the_next_ones():
     assert states.motion(MODEL) == ""
 
 
+def test_a_state_that_a_controller_refuses_does_not_end_the_silence():
+    now = 50.0
+    steady.go_by(lambda: now)
+    try:
+        states, take = states_of()
+        take(0.0, HOME, [0.0] * 6)
+        now = 50.3
+        take(0.3, HOME, [0.0] * 6)
+        assert states.silence() == 0.0
+        states.refused()
+        assert states.silence() == pytest.approx(0.3)
+        assert states.is_stale(0.1)
+    finally:
+        steady.go_by()
+
+
+def test_after_a_new_activation_no_command_has_answered_a_state_yet(world):
+    """In lock-step the robot repeats its state then, which is no driver that is stuck."""
+    node = Controlled(world, "clik", FRAMES)
+    states = node.process.node._input
+    node.arm.ticks(10)
+    assert states.is_commanded
+    assert node.peer.change_state("/clik", "deactivate")
+    world.until(lambda: not states.is_commanded, "the end of control")
+    node.arm.send_next()
+    assert node.peer.change_state("/clik", "activate")
+    assert not states.is_commanded
+    node.arm.tick()
+    assert states.is_commanded
+
+
 def test_efforts_are_those_of_the_joints_of_their_own_message():
     states, take = states_of()
     take(0.0, HOME, [0.0] * 6, range(6))

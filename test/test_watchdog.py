@@ -207,6 +207,20 @@ def test_the_node_brakes_when_its_controller_is_killed_and_resumes_when_it_is_to
     np.testing.assert_allclose(efforts(driven[-1]), gravity, atol=0.1)
 
 
+def test_the_watchdog_looks_by_its_own_clock_where_controller_and_robot_fall_silent(world):
+    arm, peer = TorqueArm(world, UR5), world.peer
+    world.start("watchdog", FRAMES)
+    driven = peer.listen(Float64MultiArray, "driver_effort")
+    sender = peer.publisher(JointState, "joint_effort")
+    be_seen(arm)
+    gravity = MODEL.dynamic_state(arm.q, 0 * arm.q).g
+    sender.publish(JointState(name=list(UR5.joints), effort=(gravity + 1.0).tolist()))
+    driven.clear()
+    world.advance(0.5)
+    np.testing.assert_allclose(driven[-1].data, gravity, atol=1e-9)
+    assert values(peer.status("watchdog"))["mode"] == "blind"
+
+
 def test_a_signal_brakes_the_arm_before_the_watchdog_ends(world):
     arm, peer = TorqueArm(world, UR5), world.peer
     process = world.start("watchdog", FRAMES)

@@ -38,6 +38,7 @@ class Cause(StrEnum):
     COMMAND_SILENCE = "command_silence"  # states came, but had no answer for a while
     STREAM_ENDED = "stream_ended"
     NO_WRENCH = "no_wrench"  # none that is to be believed: the compliant frame is frozen
+    WRENCH_RATE_TOO_LOW = "wrench_rate_too_low"  # for wrench_timeout: the same
     WRENCH_STUCK = "wrench_stuck"  # the sensor repeats itself: the same
     FORCE_NOT_REACHED = "force_not_reached"  # no surface within the bound of the displacement
     CONTACT_OSCILLATES = "contact_oscillates"  # damping is raised; where that is not enough, held

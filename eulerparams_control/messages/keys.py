@@ -57,6 +57,9 @@ SATURATED = "saturated ticks"
 DESERIALISED = "messages deserialised"
 """How many joint_states and wrenches did not come in a layout that was known: one at first."""
 
+WRENCH_FRAME = "wrench frame"
+"""In whose axes and about whose origin the wrench is taken to be, and why."""
+
 UNHEARD = "publishers not heard"
 """Who publishes an input with a QoS that does not match, and what mends it; no key if none."""
 

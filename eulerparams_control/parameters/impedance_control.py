@@ -129,6 +129,9 @@ class ImpedanceParameters(
     wrench_frame: str = parameter(
         "", "link of the sensor, fixed to the tip; empty: the frame_id of the wrench"
     )
+    wrench_axes: str = parameter(
+        "", "link in whose axes the wrench is, about the tip, whatever its frame_id; empty: none"
+    )
     max_displacement_position: float = parameter(
         0.3,
         "of the compliant from the desired frame; there it ends",

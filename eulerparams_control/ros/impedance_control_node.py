@@ -10,13 +10,14 @@ from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from std_srvs.srv import Trigger
 
 from eulerparams_control.control.controller import Controller
-from eulerparams_control.control.mode import STIFFNESS_WAITS, Why, calmed
+from eulerparams_control.control.mode import STIFFNESS_WAITS, Cause, Why, calmed
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, RobotError
 from eulerparams_control.laws.compliant_frame import ComplianceLaw
 from eulerparams_control.laws.impedance_control import ImpedanceControl
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.laws.scheme import Scheme, Tick
+from eulerparams_control.messages.keys import WRENCH_FRAME
 from eulerparams_control.messages.markers import Stiffness
 from eulerparams_control.messages.to_ros import impedance_to_ros
 from eulerparams_control.motion.frames import Placement
@@ -146,16 +147,46 @@ class ImpedanceControlNode(ControlNode):
 
     def _placement(self, frame_id: str) -> Placement:
         """Return where the sensor is, seen from the tip; raises InvalidMessageError."""
-        frame = self._params.wrench_frame or frame_id
-        assert self._robot is not None
+        p, robot = self._params, self._robot
+        assert robot is not None
+        if p.wrench_axes:
+            return self._placement_of_axes(robot, p.wrench_axes)
+        frame = p.wrench_frame or frame_id
         if frame not in self._placements:
             try:
-                self._placements[frame] = self._robot.placement(frame)
+                self._placements[frame] = robot.placement(frame)
             except RobotError as error:
-                raise InvalidMessageError(
-                    f"{error}; set wrench_frame if the driver names another frame than the URDF"
-                ) from error
+                raise InvalidMessageError(f"{error}; {self._remedy(robot, frame)}") from error
+            said, why = frame or robot.tip_frame, ""
+            if not frame:
+                why = ", assumed: the frame_id of the wrench is empty; set wrench_frame if not"
+                self._health.complain(f"the wrench is taken to be in {said}{why}", about="frame")
+            self._health.values[WRENCH_FRAME] = f"{said}{why}"
         return self._placements[frame]
+
+    def _placement_of_axes(self, robot: Robot, link: str) -> Placement:
+        """Return how a sensor is turned that measures about the tip in the axes of a link."""
+        if self._input.measured is None:
+            raise InvalidMessageError("no valid joint_states yet, which turn the wrench")
+        q = self._input.measured[1]
+        try:
+            axes = robot.link_at(link, q).R
+        except RobotError as error:
+            raise InvalidMessageError(f"wrench_axes: {error}") from error
+        self._health.values[WRENCH_FRAME] = f"about {robot.tip_frame}, axes of {link}"
+        return Placement(robot.link_at(robot.tip_frame, q).R.T @ axes, np.zeros(3))
+
+    def _remedy(self, robot: Robot, frame: str) -> str:
+        """Return what to do about a wrench in a frame that is not fixed to the tip."""
+        try:
+            robot.link_at(frame, np.zeros(robot.n))
+        except RobotError:
+            return "set wrench_frame if the driver names another frame than the URDF"
+        return (
+            f"let the driver publish it in a link that is; if its moment is about "
+            f"{robot.tip_frame} and only its axes are those of {frame} set wrench_axes to {frame}; "
+            "wrench_frame would turn its forces wrongly"
+        )
 
     def is_complete(self, t: int) -> bool:
         """Whether the wrench of the state stamped t [ns] is there, or is not to be expected."""
@@ -202,9 +233,11 @@ class ImpedanceControlNode(ControlNode):
 
     def doubt(self) -> Why:
         """Return why it is not known whose messages come; Why() if it is, or will be soon."""
-        why = super().doubt()
-        if not why.fault and self._sensor.trouble.note:
+        why, trouble = super().doubt(), self._sensor.trouble
+        if not why.fault and trouble.note:
             why = unheard(self, self._wrench)
+        if not why.fault and trouble.cause is Cause.WRENCH_RATE_TOO_LOW:
+            why = trouble._replace(fault=f"{trouble.note} (topic {self._wrench.topic_name})")
         return why
 
     def refusal(self) -> str:

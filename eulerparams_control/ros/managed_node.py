@@ -202,7 +202,6 @@ class ManagedNode(LifecycleNode):
             return self._fail(f"not activated: {error}", Lifecycle.INACTIVE)
         options = ControllerOptions.of(p)
         self._controller = Controller(scheme, options, measured[1], self._input.efforts)
-        self._input.is_commanded = False
         self._activated()
         tell(Event.READY)
         return TransitionCallbackReturn.SUCCESS

@@ -1,6 +1,6 @@
 """Publishers of a topic: who they are, and whether they are heard."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -58,6 +58,17 @@ def unheard(node: Node, subscription: Subscription) -> Why:
             found.setdefault(mismatch, []).append(_name_of(info) or "a node")
     if not found:  # one that was discovered a moment ago
         return Why()
+    return incompatible(topic, node.get_fully_qualified_name(), found)
+
+
+def incompatible(topic: str, reader: str, found: Mapping[tuple[str, str, str], list[str]]) -> Why:
+    """Return why nothing is received of publishers.
+
+    Args:
+        topic: its full name.
+        reader: the node that reads it.
+        found: the names of the publishers by a policy, what they offer and what is asked for.
+    """
     faults = [
         f"{listed(names)} {'publishes' if len(names) == 1 else 'publish'} {topic} with the "
         f"{policy} {offered}, but it is read with {asked}: nothing of it is received"
@@ -65,7 +76,7 @@ def unheard(node: Node, subscription: Subscription) -> Why:
     ]
     remedies = [
         f"set the parameter qos_overrides.{topic}.subscription.{policy} to {offered} at the start "
-        f"of {node.get_fully_qualified_name()}, or let the publisher offer {asked}"
+        f"of {reader}, or let the publisher offer {asked}"
         for policy, offered, asked in found
     ]
     return Why(Cause.INCOMPATIBLE_QOS, "; ".join(faults), "; ".join(remedies))

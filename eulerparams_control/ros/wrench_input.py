@@ -1,6 +1,7 @@
 """The newest valid wrench of a sensor, and whether it is still to be believed."""
 
 import math
+from collections import deque
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,22 @@ def lost(note: str) -> Why:
     return Why(Cause.NO_WRENCH, note=note, remedy="see to the sensor, its driver and the network")
 
 
+# Number of gaps longer than the timeout, within the longer of these times [s] and [timeouts], that
+# make the rate of a sensor too low: it would be believed and not believed in turns.
+_GAPS, _WITHIN, _TIMEOUTS = 3, 5.0, 50.0
+
+
+def too_rare(rate: float, gap: float, timeout: float) -> Why:
+    """Return why wrenches are not believed that come at a rate [1/s] with gaps [s]."""
+    return Why(
+        Cause.WRENCH_RATE_TOO_LOW,
+        note=f"the wrench comes {rate:.3g} times a second, with gaps of up to {gap:.3g} s, but "
+        f"wrench_timeout is {timeout:g} s",
+        remedy=f"let the sensor publish {2 / timeout:.3g} times a second or more, or set "
+        f"wrench_timeout to {2 * gap:.2g} s",
+    )
+
+
 class WrenchInput:
     """Takes wrenches, and chooses the one for a state.
 
@@ -48,6 +65,7 @@ class WrenchInput:
 
     def __init__(self, time: RosTime, pairing: str, timeout: float, max_latency: float) -> None:
         self._time, self._pairing, self._timeout = time, pairing, timeout
+        self._within = max(_WITHIN, _TIMEOUTS * timeout)
         self._latency = Latency(max_latency)
         self.forget()
 
@@ -61,6 +79,8 @@ class WrenchInput:
         self._may_go_back = False  # the stamp of the next one
         self._received = self._paired = -math.inf  # steady clock [s]
         self._is_new = False
+        self._gaps: deque[tuple[float, float, int]] = deque(maxlen=_GAPS)
+        self._count = 0
         self._stuck: StuckSensor | None = None
         self.trouble = lost("no valid wrench yet; is the force/torque sensor running?")
 
@@ -98,8 +118,28 @@ class WrenchInput:
             )
         if stamp > 0 and not self._time.is_simulated:
             self._refuse_late(stamp, now)
+        self._see_gap(stamp, now)
         self._last, self._stamp, self._received = SensedWrench(w, sensor), stamp, now
         self._is_new, self._may_go_back = True, False
+
+    def _see_gap(self, stamp: int, now: float) -> None:
+        """Remember a gap before the wrench stamped so [ns] that came at ``now`` [s]."""
+        t, before = now, self._received
+        if self._time.is_simulated:
+            t, before = stamp / 1e9, self._stamp / 1e9
+        self._count += 1
+        if self._last is not None and self._timeout < t - before < self._within:  # else a jump
+            self._gaps.append((t, t - before, self._count))
+
+    def _is_too_rare(self, t: int) -> bool:
+        """Return whether there were several gaps of late, at the stamp t [ns] of a state."""
+        now = t / 1e9 if self._time.is_simulated else steady.now()
+        return len(self._gaps) == _GAPS and 0 <= now - self._gaps[0][0] < self._within
+
+    def _rate(self) -> tuple[float, float]:
+        """Return the rate [1/s] of late, and the longest gap [s]."""
+        (first, _, before), (last, _, count) = self._gaps[0], self._gaps[-1]
+        return (count - before) / (last - first), max(gap for _, gap, _ in self._gaps)
 
     def _refuse_late(self, stamp: int, now: float) -> None:
         """Raise InvalidMessageError for a wrench that comes too late to control by."""
@@ -142,7 +182,10 @@ class WrenchInput:
         if is_new and not self._time.is_simulated:  # what is simulated may repeat itself
             self._stuck = self._stuck or StuckSensor(limits)
             is_stuck = self._stuck.update(self._last.w, q, steady.now())
-        if self._age(t) > self._timeout:
+        if self._is_too_rare(t):
+            if self.trouble.cause is not Cause.WRENCH_RATE_TOO_LOW:  # one text, though it varies
+                self.trouble = too_rare(*self._rate(), self._timeout)
+        elif self._age(t) > self._timeout:
             self.trouble = lost(
                 f"no valid wrench within {self._timeout:g} s; is the sensor running?"
             )
