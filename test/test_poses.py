@@ -259,6 +259,7 @@ def test_the_way_to_the_first_pose_without_a_time_belongs_to_the_path():
         ([0.0, 0.0, 1.0, 2.0], None, r"that of point 1 .* is 0 s after 0 s"),
         ([0.0, 1.0, 0.5, 2.0], None, r"that of point 2 .* is 0\.5 s after 1 s"),
         ([0.0, 1.0, 2.0, 0.0], None, r"that of point 3 .* is 0 s after 2 s"),
+        ([0.0, 1.0, 1.0 + 1e-9, 2.0], None, r"point 2 .* comes 1e-09 s after the one before"),
         ([0.0] * 4, [None, None, 0.1 * Y, None], r"point 2 .* has a velocity, and no point has a"),
     ],
 )

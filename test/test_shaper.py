@@ -20,6 +20,7 @@ from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.references import Goal, Jog, SetPoint
 from eulerparams_control.motion.shaper import Shaper
+from eulerparams_control.motion.spline import Poses
 from eulerparams_control.motion.time_scale import TimeScale
 from eulerparams_control.motion.trajectories import Trajectory, way_points
 
@@ -152,6 +153,17 @@ def test_a_trajectory_beyond_the_limits_is_slowed_along_its_own_path(times, fram
     dense = path.from_frame(HERE).samples(dense).p_d
     off = [np.linalg.norm(dense - p, axis=1).min() for p in motion.p[::25]]
     assert max(off) < 2e-4
+
+
+@pytest.mark.parametrize("rests", [True, False])
+@pytest.mark.parametrize("within", [1e-6, 1e-4, 1e-2])
+def test_a_leap_from_point_to_point_is_none_of_the_tip(within, rests):
+    frames, times = [HERE, moved(0.1), moved(0.104), moved(0.15)], [0.0, 1.0, 1.0 + within, 2.0]
+    motion = follow([(0.1, sent(Poses(times, frames, [rests] * 4)))], 4.0)
+    assert_within(motion)
+    steps = np.diff(motion.p, axis=0) * RATE
+    assert norm(steps) <= LIMITS.linear_speed * (1 + BULGE)
+    assert (motion.p[-1] - HERE.p_d) @ X > 0.08  # it goes as far as the leap
 
 
 @pytest.mark.parametrize("twist", [0.1, 0.3, 1.0])

@@ -8,6 +8,7 @@ InvalidMessageError.
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
@@ -27,6 +28,8 @@ QUATERNION_NORM_TOLERANCE = 1e-3
 
 LARGEST = 1e9
 """No machine measures or is asked for more, in SI units; what is more would overflow a law."""
+
+_CLOSEST = 1e-6  # [s] between two points: what is closer is a leap
 
 _SHOWN_NAMES = 20  # of a list of names in an error, each with
 _SHOWN_LETTERS = 60
@@ -263,6 +266,12 @@ def motion_from_ros(
     start = ns_from_ros(msg.header.stamp) or None
     if len(frames) == 1 and times[0] <= 0:
         return SetPoint(frames[0], lasting), start
+    for i, (before, t) in enumerate(pairwise(times), start=1):
+        if 0 < t - before < _CLOSEST:
+            raise InvalidMessageError(
+                f"point {i} of the reference comes {t - before:g} s after the one before; expected "
+                f"at least {_CLOSEST:g} s"
+            )
     known = [len(point.velocities) > 0 for point in msg.points]
     for i, point in enumerate(msg.points):
         if not known[i] and point.accelerations:

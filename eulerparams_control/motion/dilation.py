@@ -122,7 +122,7 @@ class Ramped:
             return self.motion.sample(self._length).at_rest()
         if self._up and t < self._up:
             tau, u, du = self._ramp(t, self._up)
-        elif left < self._down:
+        elif self._down and left < self._down:
             tau, u, du = self._ramp(left, self._down)
             tau, du = self._length - tau, -du
         else:
@@ -285,7 +285,7 @@ def _smooth(s: Array, change: Array, half: int) -> Array:
     way = np.cumsum(change)
     before = np.minimum.accumulate(x - way) + way
     after = np.minimum.accumulate((x + way)[::-1])[::-1] - way
-    s = np.sqrt(2 * np.minimum(before, after))
+    s = np.sqrt(2 * np.maximum(np.minimum(before, after), x.min()))  # not 0 by rounding
     kernel = np.full(half, 1.0 / half)
     kernel = np.convolve(kernel, kernel)  # 2 half - 1 long
     return np.convolve(np.pad(s, half - 1, mode="edge"), kernel, mode="valid")
