@@ -32,6 +32,7 @@ from sensor_msgs.msg import JointState
 from tolerances import LAW_IN_A_NODE, SIMULATED_POSE
 
 from eulerparams_control.control.judge import AT_REST
+from eulerparams_control.control.mode import stuck
 from eulerparams_control.control.speed_scaling import LEAST
 from eulerparams_control.messages.from_ros import ns_from_ros, pose_from_ros
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame
@@ -252,7 +253,7 @@ def test_diagnostics_tell_since_when_what_to_do_and_the_last_fault(node):
     status = node.peer.status(node.name, lambda s: "stamp stays at" in s.message, send_one)
     told = values(status)
     assert status.message.startswith("holding still: joint_states moves")
-    assert told["remedy"] == "send the reference again"
+    assert told["remedy"] == stuck("").remedy
     assert told["last fault"] == status.message
     faults = int(told["faults"])
     assert faults >= 1
