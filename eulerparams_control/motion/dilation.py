@@ -9,6 +9,7 @@ trajectory: the least of its surroundings, averaged, so that it changes slowly.
 """
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -37,6 +38,9 @@ _TINY = 1e-12
 # Rounding, and how far [of the limits] a slowed trajectory may be from its limits.
 _ROUNDING, _TOLERANCE, _TRIALS = 1e-6, 0.01, 12
 
+# Part of the jerk that it gets: between the places it is larger than the differences say.
+_OF_JERK = 0.95
+
 # Number of places at which a ramp is checked.
 _PLACES = 33
 
@@ -46,9 +50,9 @@ _SHORTEST = 1e-3
 # The slowest rate.
 _SLOWEST = 1e-3
 
-# The rate changes with this part of the acceleration, and each change begins and ends within this
-# multiple of the time from none to full acceleration; in each further trial by a factor milder.
-_OF_ACCELERATION, _SURROUNDINGS, _MILDER = 0.7, 1.0, 0.85
+# The rate changes with this part of the acceleration; in each further trial it does so by a factor
+# milder.
+_OF_ACCELERATION, _MILDER = 0.7, 0.85
 
 
 class Dilated:
@@ -236,6 +240,11 @@ def within(trajectory: Trajectory, limits: MotionLimits) -> Trajectory | Dilated
     speeds = (np.linalg.norm(rates, axis=2) / most_a[:, None]).max(axis=0)
     share, wide = _OF_ACCELERATION / np.maximum(speeds, _TINY), float((most_a / most_j).max())
     step = float(tau[1] - tau[0])
+    aim = replace(
+        limits,
+        linear_jerk=_OF_JERK * limits.linear_jerk,
+        angular_jerk=_OF_JERK * limits.angular_jerk,
+    )
     for _ in range(_TRIALS):
         s, change = np.ones(len(tau)), np.full(len(tau), np.inf)
         for neighbour in beside:
@@ -243,7 +252,7 @@ def within(trajectory: Trajectory, limits: MotionLimits) -> Trajectory | Dilated
             np.minimum.at(change, neighbour, share)
         s = _smooth(s, change * step, min(max(int(wide / step), 1), len(tau) - 1))
         at_fine = np.interp(fine, tau, s), np.interp(fine, tau, s * np.gradient(s, tau))
-        excess = _used(fine, *at_fine, rates, accelerations, limits)
+        excess = _used(fine, *at_fine, rates, accelerations, aim)
         if excess.max() <= 1 + _TOLERANCE:
             break
         slower = (np.maximum(excess, 1.0) ** (-1 / powers_of_s)).min(axis=0)
