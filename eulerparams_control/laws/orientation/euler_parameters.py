@@ -92,7 +92,7 @@ class EulerParametersRepresentation(RelativeQuaternionRepresentation):
 
     def lyapunov_1(self, x_de: QuaternionDisplacement, k_Po: float) -> Lyapunov:
         """Return V_1 = (eta - 1)^2 + eps' eps and dV_1 = -k_Po eps' eps, eqs. (30), (31)."""
-        eps_2 = np.sum(x_de.eps_de**2, axis=-1)
+        eps_2 = np.einsum("...i,...i->...", x_de.eps_de, x_de.eps_de)
         return Lyapunov((x_de.Q_de.eta - 1) ** 2 + eps_2, -k_Po * eps_2)
 
     def lyapunov_2(
@@ -102,7 +102,7 @@ class EulerParametersRepresentation(RelativeQuaternionRepresentation):
 
         V_2 = k_Po V_1 + omega_de' omega_de / 2 and dV_2 = -k_Vo omega_de' omega_de.
         """
-        omega_2 = np.sum(omega_de**2, axis=-1)
+        omega_2 = np.einsum("...i,...i->...", omega_de, omega_de)
         return Lyapunov(k_Po * self.lyapunov_1(x_de, k_Po).V + omega_2 / 2, -k_Vo * omega_2)
 
     def singularity_distance(self, R_d: Array, R_e: Array) -> float:

@@ -162,8 +162,8 @@ class RelativeQuaternionRepresentation(OrientationRepresentation):
         Eqs. (68), (69), the latter with the power of the contact moment.
         """
         energy = self.elastic_energy(quaternion(R_cd), Z.K)
-        kinetic = np.sum(x * (x @ Z.M), axis=-1) / 2
-        return Lyapunov(kinetic + energy, np.sum(mu_d * x - x * (x @ Z.D), axis=-1))
+        kinetic = np.einsum("...i,...i->...", x, x @ Z.M) / 2
+        return Lyapunov(kinetic + energy, np.einsum("...i,...i->...", mu_d - x @ Z.D, x))
 
 
 def _turned(half: float, axis: Array) -> EulerParameters:
