@@ -16,7 +16,7 @@ export ROS_PYTHON_CHECK_FIELDS ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 unexport PYTHONDONTWRITEBYTECODE  # or each process of a run or a test compiles all again
 
-.PHONY: setup compiled demo live test test-long test-floor floor-tests bench paper compare map faults soak two-hosts docs picture lint clean
+.PHONY: setup compiled demo live test test-long test-floor floor-tests bench paper compare yardstick yardstick-paper map faults soak two-hosts docs picture lint clean
 
 setup: $(READY)
 
@@ -69,6 +69,14 @@ paper: $(READY)
 # Which law is in your controller?
 compare: $(READY)
 	@$(VENV)/bin/experiment --compare $(if $(JOBS),--jobs $(JOBS)) --out $(OUT)/compare $(ARGS)
+
+# What the laws command, beside what they did; ARGS=--write keeps that of now: docs/contributing.md.
+yardstick: compiled
+	@$(PYTHON) test/yardstick.py $(ARGS)
+
+# The same of the experiments, after make paper and make compare.
+yardstick-paper: $(READY)
+	@$(PYTHON) test/yardstick_paper.py $(ARGS) $(OUT)/paper $(OUT)/compare
 
 map: $(READY)
 	@$(VENV)/bin/failure_map --out $(OUT)/map $(ARGS)
