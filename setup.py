@@ -77,6 +77,7 @@ setup(
         (f"{SHARE}/config/maps", glob("config/maps/*.yaml")),
         (f"{SHARE}/config/paper", glob("config/paper/*.yaml")),
         (f"{SHARE}/config/robots", glob("config/robots/*.yaml")),
+        (f"{SHARE}/config/robots/real", glob("config/robots/real/*.yaml")),
         (f"{SHARE}/config/views", glob("config/views/*.*")),
         (f"lib/{PACKAGE}", scripts()),
     ],
