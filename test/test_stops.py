@@ -3,12 +3,16 @@
 The plants have joints of 1 Nm s/rad and 0.5 Nm friction, and rotors that no model knows.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from arms import robot_named
 from leaning import Hand, Leaning, Wall, most_that_joints_hold
 
 from eulerparams_control.control.mode import Cause, Mode
 from eulerparams_control.errors import InvalidMessageError
+from eulerparams_control.laws.hold import JointHold
 from eulerparams_control.motion.frames import DesiredFrame
 
 ARMS = ("ur5", "panda", "kuka_iiwa")
@@ -119,6 +123,59 @@ def test_with_a_slow_rate_of_the_efforts_the_hold_is_softer_but_does_not_swing()
     leaning.run(1.5)
     assert np.max(leaning.joints[-1]) < 0.2 * np.max(leaning.joints)
     assert leaning.mode is Mode.STOPPED
+
+
+def test_a_load_that_was_lifted_and_that_nobody_declared_is_held_and_not_let_go():
+    leaning = Leaning("dynamic_control", "ur5")
+    leaning.force = lambda p, v: np.array([0.0, 0.0, -60.0])
+    leaning.run(1.0)
+    here = leaning.scheme.start_frame()
+    raised = DesiredFrame(here.p_d + [0.0, 0.0, 0.15], here.R_d)
+    leaning.controller.orders.aim(raised, leaning.now)
+    leaning.run(2.0)
+    leaning.controller.orders.halt()
+    leaning.run(0.2)
+    leaning.forget()
+    leaning.run(1.0)
+    assert leaning.mode is Mode.STOPPED
+    assert leaning.gave_way < GIVES_WAY
+
+
+def test_friction_of_the_joints_is_no_contact_where_an_arm_is_stopped_in_motion():
+    leaning = Leaning("dynamic_control", "ur5", viscous=10.0, coulomb=5.0, rotors=0.0)
+    leaning.run(0.1)
+    here = leaning.scheme.start_frame()
+    aside = DesiredFrame(here.p_d + [0.0, 0.3, 0.0], here.R_d)
+    leaning.controller.orders.aim(aside, leaning.now)
+    leaning.run(1.0)
+    assert leaning.speeds[-1] > 0.2
+    leaning.scheme.limits = replace(leaning.scheme.limits, error_position=1e-6)
+    leaning.scheme.bound(leaning.scheme.limits.joints)  # so that it does not follow well enough
+    before, hardest = leaning.plant.dq, 0.0
+    for _ in range(250):
+        leaning.tick()
+        hardest = max(hardest, np.abs(leaning.plant.dq - before).max() / leaning.dt)
+        before = leaning.plant.dq
+    assert leaning.controller.why.cause is Cause.NOT_FOLLOWING
+    assert hardest < 1.2 * leaning.scheme.limits.joints.acceleration.max()
+    assert max(leaning.speeds[-5:]) < 0.02
+
+
+@pytest.mark.parametrize("lost", [2, 5])
+def test_a_joint_without_an_effort_limit_is_held_as_the_others_are(lost):
+    robot, home = robot_named("ur5")
+    effort = robot.limits.effort.copy()
+    effort[lost] = np.inf
+    limits, nothing = replace(robot.limits, effort=effort), np.zeros(6)
+    begun = robot.dynamic_state(home, nothing)
+    hold = JointHold(limits, limits.effort_rate, begun, nothing, None, False)
+    for joint in range(6):
+        q = home.copy()
+        q[joint] += 0.01
+        state = robot.dynamic_state(q, nothing)
+        tau = hold.effort(0.001, state, nothing, nothing, None)
+        assert (tau - state.g)[joint] < -0.05  # drawn back
+        hold = JointHold(limits, limits.effort_rate, begun, nothing, None, False)
 
 
 @pytest.mark.parametrize("law", ["dynamic_control", "impedance_control", "compliance_control"])

@@ -708,6 +708,11 @@ FIRST_TOLD = OTHER_FAULT._replace(at=FAULT.at)
         (Holding, [("FROZEN", OTHER_FAULT)], {"is_runaway": False}),  # it need not come to rest
         (Holding, [RAN_AWAY, ("FROZEN", OTHER_FAULT)], {"is_runaway": True}),
         (Holding, [RAN_AWAY, ("RECOVERED", Why())], {"mode": Mode.STOPPED, "why": RUNAWAY}),
+        *(
+            (Holding, [*before, ("RECOVERED", Why()), *after], {"is_released": True})
+            for before in ([RAN_AWAY], [("FROZEN", OTHER_FAULT), RAN_AWAY])
+            for after in ([], [STOP], [("FROZEN", OTHER_FAULT), ("RECOVERED", Why())])
+        ),
     ],
 )
 def test_what_a_mode_keeps_of_what_has_led_to_it(start, steps, expected):

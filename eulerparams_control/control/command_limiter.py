@@ -175,23 +175,25 @@ def _velocity(i: int, dq: float, before: float, lag: float, joints: Array, laste
 def _bounded_effort(effort: Input, effort_0: Input, joints: Rows, elapsed: float) -> int:
     """Fill the efforts within their bounds, and return what changed: see ``_bounded_motion``.
 
-    One factor shortens the change of all joints; limits are kept joint by joint, last.
+    Limits are kept joint by joint; then one factor shortens the change of all.
     """
     code, n, factor, time = 0, joints.shape[1], 1.0, max(elapsed, _TINY)
     for i in range(len(effort)):
         if not math.isfinite(effort[i]):
             return 32
-    if len(effort_0) and n:
-        for i in range(n):
-            reach, step = joints[_RATE, i] * time, abs(effort[i] - effort_0[i])
-            if step > reach + _ROUNDING:
-                factor = min(factor, reach / step)
     for i in range(n):
         most = joints[_EFFORT, i]
-        safe = effort[i] if factor == 1.0 else effort_0[i] + factor * (effort[i] - effort_0[i])
         if len(effort_0):  # the limit may have been lowered since
             most = max(most, abs(effort_0[i]) - joints[_RATE, i] * time)
-        joints[_SAFE + 2, i] = safe = clip(safe, -most, most)
+        joints[_SAFE + 2, i] = clip(effort[i], -most, most)
+    for i in range(n if len(effort_0) else 0):
+        reach, step = joints[_RATE, i] * time, abs(joints[_SAFE + 2, i] - effort_0[i])
+        if step > reach + _ROUNDING:
+            factor = min(factor, reach / step)
+    for i in range(n):
+        safe = joints[_SAFE + 2, i]
+        if factor < 1.0:
+            joints[_SAFE + 2, i] = safe = effort_0[i] + factor * (safe - effort_0[i])
         code |= 4 if safe != effort[i] else 0
         code |= 0 if math.isfinite(safe) else 32
     return code

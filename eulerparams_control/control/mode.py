@@ -23,7 +23,8 @@ class Mode(StrEnum):
     FOLLOWING = "following"  # the law along a motion
     STOPPED = "stopped"  # the joints are held, because of a fault or when told to
     RELEASING = "releasing"  # gravity compensation, then no efforts: only the brakes act;
-    # after a runaway there are none in the stop that follows, either
+    # after a runaway there are none in the stop that follows, either (in simulated time gravity
+    # compensation goes on)
     DISTRUSTING = "distrusting"  # no commands: it is not known whose states these are
 
 

@@ -199,7 +199,9 @@ class Releasing(ControlMode):
     @classmethod
     def entered(cls, before: ControlMode, event: ModeEvent, why: Why) -> ControlMode:
         """Return the mode that follows another; one that goes on keeps what it knows."""
+        runs_away = event is ModeEvent.RUNS_AWAY
         if isinstance(before, Releasing):
+            before.is_runaway |= runs_away
             if why.fault and not before.has_defect:
                 before.why = why._replace(at=before.why.at)
             return before
@@ -207,7 +209,7 @@ class Releasing(ControlMode):
             why = before.why
         elif before.is_halted:
             why = why._replace(at=before.why.at)
-        return cls(why, event is ModeEvent.RUNS_AWAY)
+        return cls(why, runs_away or (isinstance(before, Stopped) and before.is_released))
 
 
 class Distrusting(ControlMode):

@@ -554,15 +554,18 @@ class DynamicControl(Scheme):
         felt = e = past[FELT].copy()
         if dt > 0 and not np.isnan(past[SPEED]).any():  # eq. (32)
             e = state.B @ ((dq - past[SPEED]) / dt) + own - last
+            if dynamics.friction is not None:
+                e += dynamics.friction.effort(dq)
             felt += (1 - math.exp(-FELT_RATE * dt)) * (e - felt)
+        joints = self.limits.joints or self.robot.limits
         if self._hold is None:
-            joints, drove = self.limits.joints or self.robot.limits, self._contact.is_driven_in
-            self._hold = JointHold(joints, rate, state, felt, w, drove)
+            self._hold = JointHold(joints, rate, state, felt, w, self._contact.is_driven_in)
+        self._hold.bound(joints, rate)
         tau = self._hold.effort(dt, state, e, felt, w) + own - weight
         room = rate * self._lasts(dt)
         tau = last + factor_within(np.zeros_like(tau), tau - last, room) * (tau - last)
         if not np.isfinite(tau).all():  # the measured state gives no finite efforts
-            tau = last
+            tau, felt, self._hold = last, np.zeros_like(felt), None
         past[DQ], past[DDQ], past[TAU], past[SPEED] = math.nan, 0.0, tau, dq
         past[DRIFT], past[FELT] = 0.0, felt
         self._tau, self._start = tau, None
@@ -644,7 +647,7 @@ class DynamicControl(Scheme):
         """
         n, felt, least = self.robot.n, self._past[FELT], MEASURED_CONTACT
         if force is None:
-            if felt @ felt < _NOTHING:
+            if not felt @ felt >= _NOTHING:
                 self._contact = UNTOUCHED
                 return
             J = row[2 * n + TIP : 8 * n + TIP].reshape(6, n)

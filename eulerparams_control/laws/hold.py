@@ -21,6 +21,8 @@ CONTACT = 20.0
 MEASURED_CONTACT = 10.0
 """The same where it is measured: friction is none of it."""
 
+# A tip that is faster than this [m/s] may feel so much [N] of the friction of its joints.
+_MOVES, _HIT_IN_MOTION = 0.05, 60.0
 # A joint that deviates by this [rad or m] is held by its effort limit.
 _GIVES = 0.05
 _ENDLESS = 1000.0  # [Nm or N] where a joint has no such limit
@@ -44,6 +46,9 @@ _BALANCE = 0.8
 _RETREAT, _MAX_CLAMP_FORCE, _RETREAT_TIME = 0.05, 45.0, 1.0
 # It is none that held the arm back in this time [s] by more than this part of the way: brakes do.
 _SEEN, _FOLLOWS = 0.2, 0.3
+# Nor is it one whose force, after so much of a way [m], is more than this part of what it was: a
+# load is as heavy everywhere.
+_EASES, _EASED = 0.005, 0.9
 # Joints stop no faster than in this time [s]; slower than this [rad/s or m/s] they all but rest.
 _SOFT, _SLOW = 0.05, 0.05
 
@@ -116,20 +121,26 @@ class JointHold:
         w: Array | None,
         is_driven_in: bool,
     ) -> None:
-        self._limits, self._is_driven_in = limits, is_driven_in
-        self._fastest = float((rate / (_RAMPED * limits.effort)).min())
+        self.bound(limits, rate)
+        self._is_driven_in = is_driven_in
         self._unknown = felt.copy() if w is None else np.zeros_like(felt)
         self._w = w
         self._balanced = np.zeros(6) if w is None else w
         self._period = self._retreated = self._gained = 0.0
         self._is_new = True
-        least = CONTACT if w is None else MEASURED_CONTACT
+        self._at_first = 0.0  # the force [N] from which it retreats
         q, dq = state.arm.q.copy(), state.arm.dq.copy()
         self._q_b, self._dq_b, self._ddq_b, self._left = q, dq, np.zeros_like(q), 0.0
-        if np.linalg.norm(self._force(state, felt)) > least:
+        if self._is_hit(state, self._force(state, felt), MEASURED_CONTACT):
             self._stop_at(q)  # a braking path would go on into it
         else:
             self._begin(q, dq)
+
+    def bound(self, limits: JointLimits, rate: Array) -> None:
+        """Keep to limits of the joints, and to rates (n,) [Nm/s] of the efforts, from now on."""
+        self._limits = limits
+        self._E = np.where(np.isfinite(limits.effort), limits.effort, _ENDLESS)
+        self._fastest = float((rate / (_RAMPED * self._E)).min())
 
     def effort(
         self, dt: float, state: DynamicState, e: Array, felt: Array, w: Array | None
@@ -145,9 +156,9 @@ class JointHold:
             e: (n,) over that time; felt: the same, followed at FELT_RATE.
             w: the contact as it is measured, or None.
         """
-        arm, B, C_dq, g, E = state.arm, state.B, state.C_dq, state.g, self._limits.effort
+        arm, B, C_dq, g, E = state.arm, state.B, state.C_dq, state.g, self._E
         self._period += (dt - self._period) * (0.1 if self._period > 0 else 1.0)
-        w_i, V = _modes(B, np.where(np.isfinite(E), E, _ENDLESS) / _GIVES)
+        w_i, V = _modes(B, E / _GIVES)
         w_i = np.minimum(w_i, min(self._fastest, _OF_A_PERIOD / (self._period or _SLOW_PERIOD)))
         P = B @ V
         K, D = (P * w_i**2) @ P.T, (P * 2 * w_i) @ P.T
@@ -162,7 +173,8 @@ class JointHold:
         x = -arm.J.T @ self._balanced - np.clip(self._unknown, -E, E)
         balance = weight + factor_within(weight, x, _BALANCE * E) * x
         holds = B @ self._ddq_b + D @ (self._dq_b - arm.dq) + K @ away
-        return balance + factor_within(balance, holds, E) * holds
+        tau: Array = balance + factor_within(balance, holds, E) * holds
+        return np.clip(tau, -E, E)  # the weight alone may be beyond
 
     def _measure(self, dt: float, state: DynamicState, w: Array | None) -> None:
         """Go on to the contact that is measured now; what is measured no more is unknown."""
@@ -174,10 +186,9 @@ class JointHold:
         self._w = w
         if w is None:
             return
-        size = float(np.linalg.norm(w))
-        if size <= np.linalg.norm(self._balanced):
+        if np.linalg.norm(J.T @ w) <= np.linalg.norm(J.T @ self._balanced):
             self._balanced = w
-        elif state.arm.dp_e @ w[:3] > -_INTO * size:
+        elif state.arm.dp_e @ w[:3] > -_INTO * np.linalg.norm(w[:3]):
             self._balanced = self._balanced + (1 - math.exp(-dt / _RISE_TIME)) * (
                 w - self._balanced
             )
@@ -209,10 +220,15 @@ class JointHold:
             v = np.concatenate((_RETREAT * force / size, np.zeros(3)))
             self._stop_at(self._q_b)
             self._dq_b = np.linalg.pinv(arm.J, rcond=0.05) @ v
-            if self._gained < _FOLLOWS * _RETREAT * (self._retreated - _SEEN):
+            self._at_first = self._at_first or size
+            is_stuck = self._gained < _FOLLOWS * _RETREAT * (self._retreated - _SEEN)
+            is_weight = self._gained > _EASES and size > _EASED * self._at_first
+            if is_stuck or is_weight:
                 self._is_driven_in = False
                 self._stop_at(arm.q)
-        elif self._left > 0 and size > CONTACT:  # on the way: what comes of that is let go, too
+        elif self._left > 0 and self._is_hit(
+            state, force, CONTACT
+        ):  # on the way: what comes of that is let go, too
             self._is_driven_in |= bool(force @ (arm.J[:3] @ self._dq_b) < -_INTO * size)
             self._stop_at(arm.q)
         elif self._left > 0 and self._is_braked_by_others(arm.dq):
@@ -238,6 +254,13 @@ class JointHold:
     def _is_braked_by_others(self, dq: Array) -> bool:
         speed = self._dq_b @ self._dq_b
         return bool(speed > _SLOW**2 and dq @ self._dq_b < speed / 2)
+
+    def _is_hit(self, state: DynamicState, force: Array, least: float) -> bool:
+        """Whether the tip hits something: a force (3,) [N] that is no friction of the joints."""
+        if self._w is None:
+            moves = float(np.linalg.norm(state.arm.dp_e)) > _MOVES
+            least = _HIT_IN_MOTION if moves else CONTACT
+        return float(np.linalg.norm(force)) > least
 
     def _force(self, state: DynamicState, felt: Array) -> Array:
         """Return the force (3,) [N] of the contact on the tip."""

@@ -199,7 +199,7 @@ def commanded(
         efforts(chain, dq, still, work, gravity, coriolis, added)
         for i in range(n):
             added[i] = weight[i] - added[i]
-    _feel(chain, dq, work, dt, added, past)
+    _feel(chain, dq, work, dt, added, friction, past)
     for i in range(n):
         wanted[i] = ddq[i]
     if is_limited:
@@ -226,8 +226,10 @@ def commanded(
 
 
 @kernel
-def _feel(chain: Rows, dq: Input, work: Rows, dt: float, added: Row, past: Rows) -> None:
-    """Follow what the environment exerts on the joints: B ddq + C dq + g - tau, eq. (32)."""
+def _feel(
+    chain: Rows, dq: Input, work: Rows, dt: float, added: Row, friction: Rows, past: Rows
+) -> None:  # fmt: skip
+    """Follow what the environment exerts on the joints: B ddq + C dq + d + g - tau, eq. (32)."""
     if not dt > 0.0 or math.isnan(past[SPEED, 0]) or math.isnan(past[TAU, 0]):
         return
     n, part = len(dq), 1.0 - math.exp(-FELT_RATE * dt)
@@ -236,7 +238,11 @@ def _feel(chain: Rows, dq: Input, work: Rows, dt: float, added: Row, past: Rows)
         ddq[i] = (dq[i] - past[SPEED, i]) / dt
     efforts(chain, dq, ddq, work, True, True, needed)
     for i in range(n):
-        past[FELT, i] += part * (needed[i] - added[i] - past[TAU, i] - past[FELT, i])
+        e = needed[i] - added[i] - past[TAU, i]
+        if friction.shape[1] > 0:
+            e += friction_effort(friction[0, i], friction[1, i], dq[i])
+        if math.isfinite(e):
+            past[FELT, i] += part * (e - past[FELT, i])
 
 
 @kernel

@@ -363,13 +363,14 @@ def without_accelerations(limits: Rows) -> Rows:
 def factor_within(base: Input, step: Input, most: Input) -> float:
     """Return the largest factor s from 0 to 1 with which |base + s step| <= most, all (n,).
 
-    One factor for all keeps the direction of a step; joint by joint it would turn.
+    One factor for all keeps the direction of a step; joint by joint it would turn.  A joint that is
+    beyond its bound already does not count, or it would stop all others: clip it afterwards.
     """
     factor = 1.0
     for i in range(len(step)):
         room = most[i] - base[i] if step[i] > 0.0 else most[i] + base[i]
-        if step[i] != 0.0 and abs(step[i]) * factor > room:
-            factor = max(room, 0.0) / abs(step[i])
+        if room > 0.0 and abs(step[i]) * factor > room:
+            factor = room / abs(step[i])
     return factor
 
 

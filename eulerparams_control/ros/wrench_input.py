@@ -118,6 +118,8 @@ class WrenchInput:
             )
         if stamp > 0 and not self._time.is_simulated:
             self._refuse_late(stamp, now)
+        if stamp < self._stamp:
+            self._gaps.clear()  # a simulation that started again
         self._see_gap(stamp, now)
         self._last, self._stamp, self._received = SensedWrench(w, sensor), stamp, now
         self._is_new, self._may_go_back = True, False
