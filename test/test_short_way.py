@@ -9,7 +9,7 @@ import pytest
 from arms import HOME, UR5, robot_named
 
 from eulerparams_control.control.controller import Controller, ControllerOptions
-from eulerparams_control.control.mode import Mode, Why
+from eulerparams_control.control.mode import Mode, Why, contested
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.wrench import SensedWrench
 from eulerparams_control.motion.frames import DesiredFrame
@@ -231,6 +231,12 @@ def loses_its_wrench(pair):
     pair.both(lambda side: hasattr(side.scheme, "sense") and side.scheme.sense(None))
 
 
+def contested_for_a_while(pair):
+    pair.both(lambda side: side.supervisor.distrust(contested("a, b")))
+    pair.states(5)
+    pair.both(lambda side: side.supervisor.trust())
+
+
 EVENTS = {
     "nothing": lambda pair: None,
     "still": lambda pair: pair.states(30, noise=0.0),
@@ -264,7 +270,7 @@ EVENTS = {
     "wrench lost": loses_its_wrench,
     "wrench lost and back": wrench_lost_and_back,
     "settled": lambda pair: pair.both(lambda side: side.orders.settle(Why())),
-    "contested": lambda pair: pair.both(lambda side: side.supervisor.contest("a, b")),
+    "contested": contested_for_a_while,
 }
 
 

@@ -29,11 +29,11 @@ from eulerparams_control.laws.compiled import (
     to_rows,
 )
 from eulerparams_control.laws.hold import (
-    CONTACT,
     MEASURED_CONTACT,
     UNTOUCHED,
     JointHold,
     contact_force,
+    least_contact,
 )
 from eulerparams_control.laws.inverse_dynamics import (
     DDQ,
@@ -646,15 +646,14 @@ class DynamicControl(Scheme):
             presses: whether the arm is told to exert a force.
         """
         n, felt, least = self.robot.n, self._past[FELT], MEASURED_CONTACT
+        dp_e = row[2 * n + 12 : 2 * n + 15]
         if force is None:
             if not felt @ felt >= _NOTHING:
                 self._contact = UNTOUCHED
                 return
             J = row[2 * n + TIP : 8 * n + TIP].reshape(6, n)
-            force, least = contact_force(J, felt), CONTACT
-        self._contact = self._contact.after(
-            dt, force, least, desired[_DP_D], row[2 * n + 12 : 2 * n + 15], presses
-        )
+            force, least = contact_force(J, felt), least_contact(dp_e)
+        self._contact = self._contact.after(dt, force, least, desired[_DP_D], dp_e, presses)
 
     def _error(
         self, found: int, row: Array, desired: DesiredFrame

@@ -258,13 +258,20 @@ class JointHold:
     def _is_hit(self, state: DynamicState, force: Array, least: float) -> bool:
         """Whether the tip hits something: a force (3,) [N] that is no friction of the joints."""
         if self._w is None:
-            moves = float(np.linalg.norm(state.arm.dp_e)) > _MOVES
-            least = _HIT_IN_MOTION if moves else CONTACT
+            least = least_contact(state.arm.dp_e)
         return float(np.linalg.norm(force)) > least
 
     def _force(self, state: DynamicState, felt: Array) -> Array:
         """Return the force (3,) [N] of the contact on the tip."""
         return contact_force(state.arm.J, felt) if self._w is None else self._w[:3]
+
+
+def least_contact(dp_e: Array) -> float:
+    """Return the force [N] from which the tip, at dp_e (3,) [m/s], is taken to touch something.
+
+    Where it is not measured: friction of joints that move looks like a contact.
+    """
+    return _HIT_IN_MOTION if float(np.linalg.norm(dp_e)) > _MOVES else CONTACT
 
 
 def contact_force(J: Array, e: Array) -> Array:
