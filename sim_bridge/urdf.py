@@ -143,7 +143,7 @@ def simulation_urdf(
     _prune(root)
     if touching is not None:
         touching.attach(_link(root, SENSOR_LINK))
-    return SimulationUrdf(ET.tostring(root, encoding="unicode"), load, moments)
+    return SimulationUrdf(_text(root), load, moments)
 
 
 def solid_urdf(solid: Placed) -> str:
@@ -152,6 +152,12 @@ def solid_urdf(solid: Placed) -> str:
     link = ET.SubElement(robot, "link", name="solid")
     _write_body(link, Body(0.0, np.zeros(3), np.zeros((3, 3))))
     solid.attach(link)
+    return _text(robot)
+
+
+def _text(robot: ET.Element) -> str:
+    """Return a URDF of short lines: PyBullet breaks those of 8191 characters, in a number or not."""
+    ET.indent(robot, space="")
     return ET.tostring(robot, encoding="unicode")
 
 
