@@ -156,7 +156,7 @@ def solid_urdf(solid: Placed) -> str:
 
 
 def _text(robot: ET.Element) -> str:
-    """Return a URDF of short lines: PyBullet breaks those of 8191 characters, in a number or not."""
+    """Return a URDF of short lines: PyBullet breaks those of 8191 characters anywhere."""
     ET.indent(robot, space="")
     return ET.tostring(robot, encoding="unicode")
 

@@ -989,7 +989,7 @@ def test_a_mesh_that_is_missing_matters_only_where_it_is_needed():
 @pytest.mark.parametrize("name", ["panda", "tiago"])
 def test_no_line_of_what_pybullet_reads_is_so_long_that_it_breaks_it(name):
     """It reads 8191 characters of a line, and the rest as another one, within a number or not."""
-    nothing = Body(0.0, np.zeros(3), np.zeros((3, 3)))
-    text = simulation_urdf(load_robot(name), nothing, True, ("collision", "visual"), None).text
+    shapes, no_tool = ["collision", "visual"], SimulatorParameters().tool
+    text = simulation_urdf(robot(name), no_tool, stops=True, shapes=shapes).text
     assert len(text) > 8191
     assert max(map(len, text.splitlines())) < 4096

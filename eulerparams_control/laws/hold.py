@@ -57,6 +57,8 @@ _TINY = 1e-12
 
 # A motion works on a contact where it goes against its force by this part of it, at least.
 _AGAINST = 0.3
+# So it does where the tip follows it by less than this part: friction and loads go along.
+_BLOCKED = 0.5
 # Work on a contact that has ended is forgotten in this time [s]: it may come back.
 _FORGOTTEN = 0.1
 
@@ -92,6 +94,7 @@ class ContactWork(NamedTuple):
             return ContactWork(left * self.led, left * self.pushed)
         lead = -float(force @ dp_d)
         is_against = lead > _AGAINST * size * float(np.linalg.norm(dp_d))
+        is_against = is_against and -float(force @ dp_e) < _BLOCKED * lead
         return ContactWork(
             self.led + dt * lead * is_against, self.pushed + dt * float(force @ dp_e), presses
         )
@@ -131,7 +134,10 @@ class JointHold:
         self._at_first = 0.0  # the force [N] from which it retreats
         q, dq = state.arm.q.copy(), state.arm.dq.copy()
         self._q_b, self._dq_b, self._ddq_b, self._left = q, dq, np.zeros_like(q), 0.0
-        if self._is_hit(state, self._force(state, felt), MEASURED_CONTACT):
+        force = self._force(state, felt)
+        is_moving = w is None and not is_driven_in and least_contact(state.arm.dp_e) > CONTACT
+        self._rubs = float(np.linalg.norm(force)) if is_moving else 0.0
+        if self._is_hit(state, force, MEASURED_CONTACT):
             self._stop_at(q)  # a braking path would go on into it
         else:
             self._begin(q, dq)
@@ -258,7 +264,7 @@ class JointHold:
     def _is_hit(self, state: DynamicState, force: Array, least: float) -> bool:
         """Whether the tip hits something: a force (3,) [N] that is no friction of the joints."""
         if self._w is None:
-            least = least_contact(state.arm.dp_e)
+            least = self._rubs + least_contact(state.arm.dp_e)
         return float(np.linalg.norm(force)) > least
 
     def _force(self, state: DynamicState, felt: Array) -> Array:
