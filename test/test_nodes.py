@@ -476,7 +476,7 @@ def test_a_robot_description_that_is_not_xml_is_refused_and_a_good_one_taken_aft
         ("clik", {"realtime_priority": 100}, "is 100; expected between 0 and 99"),
         ("reference", {"motion": "way_points"}, "0 times"),
         ("reference", {"circle_normal": [1.0], "motion": "circle"}, "circle_normal has 1 numbers"),
-        ("reference", {"robot_description": "<robot/>"}, "the robot description has no <link>"),
+        ("reference", {"robot_description": "<robot/>"}, "has no <link>"),
         ("pybullet_bridge", {"robot": "ur55"}, "unknown robot 'ur55' (did you mean 'ur5'?)"),
         ("pybullet_bridge", {"urdf": "/nowhere/a.urdf"}, "the URDF cannot be read"),
         ("pybullet_bridge", {"initial_positions": [1.0]}, "initial_positions has 1 values"),
