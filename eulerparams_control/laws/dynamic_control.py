@@ -29,11 +29,9 @@ from eulerparams_control.laws.compiled import (
     to_rows,
 )
 from eulerparams_control.laws.hold import (
-    MEASURED_CONTACT,
     UNTOUCHED,
     JointHold,
     contact_force,
-    least_contact,
 )
 from eulerparams_control.laws.inverse_dynamics import (
     DDQ,
@@ -645,15 +643,14 @@ class DynamicControl(Scheme):
             force: (3,) [N] of the contact on the tip as it is measured; None: it is estimated.
             presses: whether the arm is told to exert a force.
         """
-        n, felt, least = self.robot.n, self._past[FELT], MEASURED_CONTACT
-        dp_e = row[2 * n + 12 : 2 * n + 15]
+        n, felt, is_measured = self.robot.n, self._past[FELT], force is not None
         if force is None:
             if not felt @ felt >= _NOTHING:
                 self._contact = UNTOUCHED
                 return
-            J = row[2 * n + TIP : 8 * n + TIP].reshape(6, n)
-            force, least = contact_force(J, felt), least_contact(dp_e)
-        self._contact = self._contact.after(dt, force, least, desired[_DP_D], dp_e, presses)
+            force = contact_force(row[2 * n + TIP : 8 * n + TIP].reshape(6, n), felt)
+        dp_d, dp_e = desired[_DP_D], row[2 * n + 12 : 2 * n + 15]
+        self._contact = self._contact.after(dt, force, is_measured, dp_d, dp_e, presses)
 
     def _error(
         self, found: int, row: Array, desired: DesiredFrame

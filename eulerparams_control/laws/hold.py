@@ -57,7 +57,8 @@ _TINY = 1e-12
 
 # A motion works on a contact where it goes against its force by this part of it, at least.
 _AGAINST = 0.3
-# So it does where the tip follows it by less than this part: friction and loads go along.
+# Where the force is not measured the tip follows by less than this part, too: friction and loads
+# go along.
 _BLOCKED = 0.5
 # Work on a contact that has ended is forgotten in this time [s]: it may come back.
 _FORGOTTEN = 0.1
@@ -82,22 +83,26 @@ class ContactWork(NamedTuple):
         return self.presses or self.led > max(self.pushed, 0.0)
 
     def after(
-        self, dt: float, force: Array, least: float, dp_d: Array, dp_e: Array, presses: bool
+        self,
+        dt: float,
+        force: Array,
+        is_measured: bool,
+        dp_d: Array,
+        dp_e: Array,
+        presses: bool,
     ) -> "ContactWork":
-        """Return the work after dt [s] in which a force (3,) [N] acted, if it is at least that.
+        """Return the work after dt [s] in which a force (3,) [N] acted, if it is a contact.
 
         dp_d, dp_e (3,) [m/s] are the velocities of the motion and of the tip.
         """
         size = float(np.linalg.norm(force))
-        if size < least:
+        if size < (MEASURED_CONTACT if is_measured else least_contact(dp_e)):
             left = math.exp(-dt / _FORGOTTEN)
             return ContactWork(left * self.led, left * self.pushed)
-        lead = -float(force @ dp_d)
+        lead, pushes = -float(force @ dp_d), float(force @ dp_e)
         is_against = lead > _AGAINST * size * float(np.linalg.norm(dp_d))
-        is_against = is_against and -float(force @ dp_e) < _BLOCKED * lead
-        return ContactWork(
-            self.led + dt * lead * is_against, self.pushed + dt * float(force @ dp_e), presses
-        )
+        is_against = is_against and (is_measured or -pushes < _BLOCKED * lead)
+        return ContactWork(self.led + dt * lead * is_against, self.pushed + dt * pushes, presses)
 
 
 UNTOUCHED = ContactWork()
