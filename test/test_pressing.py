@@ -81,6 +81,7 @@ def paired_arm(world):
     targets = world.peer.publisher(WrenchStamped, "/target_wrench")
     while not targets.get_subscription_count():
         arm.send_next()
+        world.advance(0.01)
         assert world.now < 1100.0, process.log
     return arm, process, targets
 
