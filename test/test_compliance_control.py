@@ -416,8 +416,8 @@ def test_a_force_ends_with_a_halt_and_the_springs_have_to_hold_it():
         replace(law, K_p=np.diag([1e3, 0.0, 1e3])).refuse_force(y, np.eye(3))
 
 
-def test_its_node_adds_a_force_until_the_stream_ends_and_refuses_what_no_spring_holds(shared_world):
-    node = Controlled(shared_world, "compliance_control", FRAMES)
+def test_its_node_adds_a_force_until_the_stream_ends_and_refuses_what_no_spring_holds(world):
+    node = Controlled(world, "compliance_control", FRAMES)
     arm, (p, R) = node.arm, pose(HOME)
     targets = node.peer.sender(WrenchStamped, "/target_wrench")
 
@@ -440,8 +440,8 @@ def test_its_node_adds_a_force_until_the_stream_ends_and_refuses_what_no_spring_
     assert float(values(node.status())["force fed forward [N]"]) == 0.0
 
 
-def test_the_springs_that_act_are_published_while_they_change(shared_world):
-    node = Controlled(shared_world, "compliance_control", FRAMES)
+def test_the_springs_that_act_are_published_while_they_change(world):
+    node = Controlled(world, "compliance_control", FRAMES)
     found = node.peer.listen(JointState, "/compliance_control/impedance")
     node.graph.until(lambda: node.arm.ticks(1) or found, "~/impedance")
     assert [*found[-1].name] == [*SPRINGS]
