@@ -13,7 +13,7 @@ from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.clik import Clik, ClikLaw
 from eulerparams_control.laws.inverse import DampedInverse, smallest_singular_value
-from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.limits import JointLimits, factor_within
 from eulerparams_control.laws.orientation import representation
 from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.parameters.clik import ClikParameters
@@ -483,3 +483,15 @@ def test_the_parameter_is_one_number_or_one_a_joint():
     for wrong in ((), (1.0, 2.0), 7 * (1.0,)):
         with pytest.raises(ConfigurationError, match=r"max_joint_acceleration.*shoulder_pan_joint"):
             ClikParameters(max_joint_acceleration=wrong).limits(UR5)
+
+
+def test_one_factor_keeps_a_step_within_its_bounds_and_its_direction():
+    base, most = np.array([0.0, 2.0, -3.0]), np.array([1.0, 3.0, 4.0])
+    assert factor_within(base, np.array([0.5, 0.5, -0.5]), most) == 1.0
+    assert factor_within(base, np.array([4.0, 2.0, 1.0]), most) == 0.25
+    assert factor_within(base, np.array([0.0, 0.0, -2.0]), most) == 0.5
+    assert (
+        factor_within(base, np.array([1.0, 0.0, 0.0]), np.array([0.0, 3.0, 4.0])) == 0.0
+    )  # no room
+    beyond = np.array([9.0, 2.0, -3.0])  # that joint does not stop the others
+    assert factor_within(beyond, np.array([4.0, 2.0, 1.0]), most) == 0.5

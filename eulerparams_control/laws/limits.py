@@ -369,7 +369,7 @@ def factor_within(base: Input, step: Input, most: Input) -> float:
     factor = 1.0
     for i in range(len(step)):
         room = most[i] - base[i] if step[i] > 0.0 else most[i] + base[i]
-        if room > 0.0 and abs(step[i]) * factor > room:
+        if room >= 0.0 and abs(step[i]) * factor > room:
             factor = room / abs(step[i])
     return factor
 
