@@ -500,7 +500,7 @@ def test_hold_is_stiff_as_effort_limits_and_sampling_bear_and_critically_damped(
     begun, state = UR5.dynamic_state(HOME, STILL), UR5.dynamic_state(q, dq)
     hold = JointHold(UR5.limits, np.full(6, math.inf), begun, nothing, None, False)
     squares, V = np.linalg.eig(np.linalg.solve(state.B, np.diag(UR5.limits.effort / 0.05)))
-    w = np.minimum(np.sqrt(squares), 0.25 / DT)
+    w = np.minimum(np.sqrt(squares), 40.0)
     root = V @ np.diag(w) @ np.linalg.inv(V)
     expected = state.C_dq + state.g + state.B @ (root @ root @ (HOME - q) - 2 * root @ dq)
     assert_close(hold.effort(DT, state, nothing, nothing, None), expected, NULL_SPACE)

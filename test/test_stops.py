@@ -19,7 +19,7 @@ ARMS = ("ur5", "panda", "kuka_iiwa")
 # The sides from which a hand comes, and those to which an arm drives.
 AXES = np.vstack((np.eye(3), -np.eye(3)))
 # A person leans on an arm with no more [N].
-LEANS = 100.0
+LEANS = 50.0
 # What pushes an arm until it stops [N]: no more than its joints can hold.
 PUSHES = {"ur5": 150.0, "panda": 45.0, "kuka_iiwa": 150.0}
 # A stop gives way by no more [m], where the contact is not measured by twice that; the tip is no

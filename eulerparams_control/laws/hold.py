@@ -29,6 +29,8 @@ _ENDLESS = 1000.0  # [Nm or N] where a joint has no such limit
 # w_i dt is no more, or the period of the states would make the hold oscillate.
 _OF_A_PERIOD = 0.25
 _SLOW_PERIOD = 0.01  # [s] where that is not known yet
+# Nor is it faster than this [1/s]: commands that act 12 ms late would make light wrists swing.
+_FASTEST = 40.0
 # Nor is it faster than efforts that change at their rate get to this part of their limit.
 _RAMPED = 0.4
 # What is unknown of e is learnt at this part of w_i, slower where a rotor of the inertia [kg m^2]
@@ -151,7 +153,7 @@ class JointHold:
         """Keep to limits of the joints, and to rates (n,) [Nm/s] of the efforts, from now on."""
         self._limits = limits
         self._E = np.where(np.isfinite(limits.effort), limits.effort, _ENDLESS)
-        self._fastest = float((rate / (_RAMPED * self._E)).min())
+        self._fastest = min(_FASTEST, float((rate / (_RAMPED * self._E)).min()))
 
     def effort(
         self, dt: float, state: DynamicState, e: Array, felt: Array, w: Array | None
