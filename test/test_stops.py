@@ -25,8 +25,8 @@ PUSHES = {"ur5": 150.0, "panda": 45.0, "kuka_iiwa": 150.0}
 # A stop gives way by no more [m], where the contact is not measured by twice that; the tip is no
 # faster [m/s], the joints no faster [rad/s].
 GIVES_WAY, SLOW_TIP, SLOW_JOINTS = 0.010, 0.25, 0.5
-# The same of an arm that is leaned on; the wrist of the iiwa is so light that a hold which bears late
-# commands is softer than these there.
+# The same of an arm that is leaned on; the wrist of the iiwa is so light that a hold that bears
+# late commands is softer there.
 LEANT_ON = {
     "ur5": (GIVES_WAY, SLOW_JOINTS),
     "panda": (GIVES_WAY, SLOW_JOINTS),
