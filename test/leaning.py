@@ -4,6 +4,7 @@ The plant is Pinocchio's forward dynamics with what textbook joints lack: fricti
 that the controller does not know.
 """
 
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,12 +114,14 @@ def most_that_joints_hold(plant, axis):
 class Leaning:
     """A controller and its plant, in lock-step; ``force`` acts on the tip.
 
+    Its commands act ``late`` ticks later.
+
     Attributes:
         path, speeds, joints, efforts: p_e (3,), the speed of the tip [m/s], |dq| (n,) and the
             command (n,) of each tick; None: there was none.
     """
 
-    def __init__(self, law, arm, rate=500, parameters=None, **plant):
+    def __init__(self, law, arm, rate=500, parameters=None, late=0, **plant):
         about = load_robot(arm)
         given = schemes()[law].parameters(
             base_frame=about.base_frame, tip_frame=about.tip_frame, **(parameters or {})
@@ -128,6 +131,7 @@ class Leaning:
         self.scheme = given.make_scheme(robot, given.limits(robot))
         g = robot.dynamic_state(self.plant.q, 0 * self.plant.q).g
         self.controller = Controller(self.scheme, ControllerOptions.of(given), self.plant.q, g)
+        self._on_the_way = deque([g] * late)
         self.tau, self.force = g, lambda p, v: np.zeros(3)
         self.forget()
 
@@ -158,9 +162,10 @@ class Leaning:
             self.scheme.sense(SensedWrench(np.concatenate((R.T @ f, np.zeros(3))), AT_TIP))
         t = self.now
         command = self.controller.step(round(1e9 * t), plant.q.copy(), plant.dq.copy(), t)
+        self.efforts.append(None if command is None else command.effort)
+        self._on_the_way.append(self.efforts[-1])
         # a robot without a command brakes: none of its efforts is that of the controller
-        self.tau = None if command is None else command.effort
-        self.efforts.append(self.tau)
+        self.tau = self._on_the_way.popleft()
         plant.step(self.brakes() if self.tau is None else self.tau, self.force, self.dt)
 
     def brakes(self):

@@ -498,9 +498,9 @@ def test_hold_brings_a_moving_arm_to_rest_where_the_hold_began(limited):
 def test_hold_is_stiff_as_effort_limits_and_sampling_bear_and_critically_damped():
     nothing, q, dq = np.zeros(6), HOME + 1e-3 * np.arange(6), 0.01 * np.ones(6)
     begun, state = UR5.dynamic_state(HOME, STILL), UR5.dynamic_state(q, dq)
-    hold = JointHold(UR5.limits, np.full(6, math.inf), begun, nothing, None, False)
+    hold = JointHold(UR5.limits, np.full(6, math.inf), UR5.length, begun, nothing, None, False)
     squares, V = np.linalg.eig(np.linalg.solve(state.B, np.diag(UR5.limits.effort / 0.05)))
-    w = np.minimum(np.sqrt(squares), 40.0)
+    w = np.minimum(np.sqrt(squares), 60.0 * math.exp(DT / 0.6))  # it begins so
     root = V @ np.diag(w) @ np.linalg.inv(V)
     expected = state.C_dq + state.g + state.B @ (root @ root @ (HOME - q) - 2 * root @ dq)
     assert_close(hold.effort(DT, state, nothing, nothing, None), expected, NULL_SPACE)
@@ -572,15 +572,14 @@ def test_a_law_without_a_finite_answer_is_told_and_nothing_kept():
     np.testing.assert_array_equal(tick.command.effort, expected.command.effort)
 
 
-def test_hold_needs_no_jacobian_nor_orientation_and_hardly_pushes_an_arm_that_others_brake():
+def test_hold_needs_no_jacobian_nor_orientation_and_leaves_an_arm_where_others_braked_it():
     q, _, _ = at_the_wrist_singularity()
     scheme = dynamic(name="euler_angles", dynamics=InverseDynamics(DampedInverse(eps=0)))
     assert_close(scheme.hold(DT, q, STILL).effort, gravity(q), NULL_SPACE)
     scheme = dynamic(limits_of(joints=replace(UR5.limits, acceleration=np.full(6, 10.0))))
     for k in range(3000):
         command = scheme.hold(0.01, HOME, STILL if k else np.ones(6))
-        if k > 100:
-            assert (np.abs(command.effort - gravity()) < 0.2 * UR5.limits.effort).all()
+    assert_close(command.effort, gravity(), 1e-3)  # what the brakes bore fades in 2 s
 
 
 # --- joints that turn on and on ------------------------------------------------------------

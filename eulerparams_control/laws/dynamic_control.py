@@ -29,7 +29,7 @@ from eulerparams_control.laws.compiled import (
     to_rows,
 )
 from eulerparams_control.laws.hold import (
-    UNTOUCHED,
+    NO_CONTACT,
     JointHold,
     contact_force,
 )
@@ -37,10 +37,10 @@ from eulerparams_control.laws.inverse_dynamics import (
     DDQ,
     DQ,
     DRIFT,
-    FELT,
-    FELT_RATE,
+    EXTERNAL,
     INFINITE,
     NUMBERS,
+    OBSERVER_RATE,
     PAST,
     SPEED,
     TAU,
@@ -99,8 +99,8 @@ from eulerparams_control.robot.robot import Robot, RobotState
 # States that come slower than this [1/s] cannot hold the joints.
 _HOLD_RATE = 20.0
 
-# Square [Nm^2] of what the joints feel below which they touch nothing.
-_NOTHING = 1.0
+# Square [Nm^2] of the external efforts below which the arm touches nothing.
+_NO_EFFORT = 1.0
 
 # Where the velocity is in the row of a frame.
 _DP_D = slice(12, 15)
@@ -508,7 +508,7 @@ class DynamicControl(Scheme):
         self._q = q.copy()
         self._past = np.zeros((PAST, len(q)))
         self._past[DQ] = self._past[SPEED] = math.nan
-        self._saturated, self._contact = False, UNTOUCHED
+        self._saturated, self._contact = False, NO_CONTACT
         self._tau: Array | None = None
         self._note_efforts()
         self._forget_x()
@@ -524,7 +524,7 @@ class DynamicControl(Scheme):
         tau, past, contact = self._tau, self._past, self._contact
         self.reset(q)
         self._tau, self._contact = tau, contact
-        self._past[SPEED], self._past[FELT] = past[SPEED], past[FELT]
+        self._past[SPEED], self._past[EXTERNAL] = past[SPEED], past[EXTERNAL]
         self._note_efforts()
 
     def _note_efforts(self) -> None:
@@ -549,23 +549,24 @@ class DynamicControl(Scheme):
         own = dynamics.coriolis * state.C_dq + dynamics.gravity * state.g
         last = own if np.isnan(past[TAU]).any() else past[TAU].copy()
         rate = np.broadcast_to(self.limits.rate, q.shape).astype(float)
-        felt = e = past[FELT].copy()
+        e = e_now = past[EXTERNAL].copy()
         if dt > 0 and not np.isnan(past[SPEED]).any():  # eq. (32)
-            e = state.B @ ((dq - past[SPEED]) / dt) + own - last
+            e_now = state.B @ ((dq - past[SPEED]) / dt) + own - last
             if dynamics.friction is not None:
-                e += dynamics.friction.effort(dq)
-            felt += (1 - math.exp(-FELT_RATE * dt)) * (e - felt)
+                e_now += dynamics.friction.effort(dq)
+            e = e + (1 - math.exp(-OBSERVER_RATE * dt)) * (e_now - e)
         joints = self.limits.joints or self.robot.limits
         if self._hold is None:
-            self._hold = JointHold(joints, rate, state, felt, w, self._contact.is_driven_in)
+            length, drove_in = self.robot.length, self._contact.drove_in
+            self._hold = JointHold(joints, rate, length, state, e, w, drove_in)
         self._hold.bound(joints, rate)
-        tau = self._hold.effort(dt, state, e, felt, w) + own - weight
+        tau = self._hold.effort(dt, state, e_now, e, w) + own - weight
         room = rate * self._lasts(dt)
         tau = last + factor_within(np.zeros_like(tau), tau - last, room) * (tau - last)
         if not np.isfinite(tau).all():  # the measured state gives no finite efforts
-            tau, felt, self._hold = last, np.zeros_like(felt), None
+            tau, e, self._hold = last, np.zeros_like(e), None
         past[DQ], past[DDQ], past[TAU], past[SPEED] = math.nan, 0.0, tau, dq
-        past[DRIFT], past[FELT] = 0.0, felt
+        past[DRIFT], past[EXTERNAL] = 0.0, e
         self._tau, self._start = tau, None
         return JointCommand(effort=tau)
 
@@ -602,7 +603,7 @@ class DynamicControl(Scheme):
             self.robot.refuse_size(q, dq)
         row = np.empty(self.width)
         tau, saturated, excess = self.efforts(dt, row, desired, h, q, dq)
-        self.see_contact(dt, row, desired, None, self.is_pressing)
+        self.note_contact(dt, row, desired, None, self.is_pressing)
         told = saturated, excess, None, self._x_de
         command = of_parts(JointCommand, (None, None, tau, None))
         return of_parts(Tick, (command, desired, row, n, self._unpack, *told))
@@ -631,10 +632,10 @@ class DynamicControl(Scheme):
         self._start = None
         return tau, self._saturated, row.item(at)
 
-    def see_contact(
+    def note_contact(
         self, dt: float, row: Array, desired: Array, force: Array | None, presses: bool
     ) -> None:
-        """Go on with who did the work on a contact: the motion, or what pushes the arm.
+        """Count who does the work on a contact: the motion, or what pushes the arm.
 
         Args:
             dt: [s] since the tick before.
@@ -643,12 +644,13 @@ class DynamicControl(Scheme):
             force: (3,) [N] of the contact on the tip as it is measured; None: it is estimated.
             presses: whether the arm is told to exert a force.
         """
-        n, felt, is_measured = self.robot.n, self._past[FELT], force is not None
+        n, e, is_measured = self.robot.n, self._past[EXTERNAL], force is not None
         if force is None:
-            if not felt @ felt >= _NOTHING:
-                self._contact = UNTOUCHED
+            if not e @ e >= _NO_EFFORT:
+                self._contact = NO_CONTACT
                 return
-            force = contact_force(row[2 * n + TIP : 8 * n + TIP].reshape(6, n), felt)
+            J = row[2 * n + TIP : 8 * n + TIP].reshape(6, n)
+            force = contact_force(J, e, self.robot.length)
         dp_d, dp_e = desired[_DP_D], row[2 * n + 12 : 2 * n + 15]
         self._contact = self._contact.after(dt, force, is_measured, dp_d, dp_e, presses)
 

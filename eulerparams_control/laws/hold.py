@@ -1,12 +1,13 @@
 """A stop under efforts: joints are held where they stopped, against what pushed them there.
 
-Notation: ``e`` (n,) [Nm or N] what the environment exerts on the joints; ``w`` (6,) [N, Nm] the
-contact as it is measured, base frame, about the tip; ``x`` (n,) [Nm or N] what balances both;
-b for braked: where the joints are to be; ``E`` (n,) effort limits; ``w_i`` [1/s] rates of the
-modes V of the joints, V' B V = I, P = B V.
+Notation: ``e`` (n,) [Nm or N] external efforts: what the environment exerts on the joints; ``w``
+(6,) [N, Nm] the contact wrench as it is measured, base frame, about the tip; ``x`` (n,) [Nm or N]
+what balances both; b for braked: where the joints are to be; ``E`` (n,) effort limits; ``w_i``
+[1/s] rates of the modes V of the joints, V' B V = I, P = B V.
 """
 
 import math
+from enum import Enum, auto
 from typing import NamedTuple
 
 import numpy as np
@@ -15,74 +16,68 @@ from eulerparams_control.laws.compiled import Array
 from eulerparams_control.laws.limits import JointLimits, factor_within
 from eulerparams_control.robot.robot import DynamicState
 
-CONTACT = 20.0
-"""Force [N] from which the environment is taken for a contact where it is not measured."""
-
-MEASURED_CONTACT = 10.0
-"""The same where it is measured: friction is none of it."""
-
-# A tip that is faster than this [m/s] may feel so much [N] of the friction of its joints.
-_MOVES, _HIT_IN_MOTION = 0.05, 60.0
-# A joint that deviates by this [rad or m] is held by its effort limit.
-_GIVES = 0.05
-_ENDLESS = 1000.0  # [Nm or N] where a joint has no such limit
-# w_i dt is no more, or the period of the states would make the hold oscillate.
-_OF_A_PERIOD = 0.25
-_SLOW_PERIOD = 0.01  # [s] where that is not known yet
-# Nor is it faster than this [1/s]: commands that act 12 ms late would make light wrists swing.
-_FASTEST = 40.0
-# Nor is it faster than efforts that change at their rate get to this part of their limit.
-_RAMPED = 0.4
-# What is unknown of e is learnt at this part of w_i, slower where a rotor of the inertia [kg m^2]
-# that the model may not know would make that unstable.
-_LEARNT, _ROTOR = 0.25, 0.1
-# It fades in this time [s] where nothing teaches it again, as under the brakes of the robot.
-_FADES = 2.0
-# A contact that is measured is balanced within this time [s], but none that the tip moves into
-# faster than this [m/s].
-_RISE_TIME, _INTO = 0.05, 0.02
+# Least force [N] of a contact: as it is measured; as it is estimated, for a tip at rest, and for
+# one that is faster than this [m/s], which may feel the friction of its joints.
+_MEASURED, _ESTIMATED, _ESTIMATED_IN_MOTION, _AT_REST = 10.0, 20.0, 60.0, 0.05
+# A joint is held by its effort limit where it deviates by this [rad or m].
+_FULL_EFFORT_DEVIATION = 0.05
+_UNLIMITED_EFFORT = 1000.0  # [Nm or N] where a joint has no effort limit
+# Largest w_i times the period [s] of the states; the period where it is not known yet.
+_RATE_TIMES_PERIOD, _UNKNOWN_PERIOD = 0.25, 0.01
+# No w_i is faster than efforts that change at their rate reach this part of their limit.
+_PART_OF_LIMIT = 0.4
+# A hold begins with w_i up to this [1/s], which bear commands that act 6 ms late, and gets faster,
+# e times in this time [s], until it swings.
+_LATE_RATE, _RISE_OF_RATE = 60.0, 0.6
+# It swings where a joint that is faster than this [rad/s or m/s] turns so often, each peak at least
+# this part of the one before, within this time [s]; half of that w_i is the largest from then on.
+# No hold is slower than the last rate [1/s], however noisy speeds are.
+_REVERSALS, _SWING_SPEED, _SWING_PART, _SWING_TIME, _SLOWEST = 3, 0.02, 0.7, 0.5, 20.0
+# What turns after fewer states is noise.
+_SWING_STATES = 3
+# The observer follows e at this part of w_i, and slower where a rotor of this inertia [kg m^2],
+# which the model may lack, would make it unstable; what it holds fades in this time [s].
+_OBSERVER_PART, _UNKNOWN_ROTOR, _FADE_TIME = 0.25, 0.1, 2.0
+# A measured contact is balanced within this time [s], but does not grow while the tip moves into
+# it faster than this [m/s].
+_RISE_TIME, _APPROACH_SPEED = 0.05, 0.02
 # Part of E that may balance; the rest holds the joints.
-_BALANCE = 0.8
-# What the arm drove into is let go at this speed [m/s], until this force [N] is left, or for this
-# time [s].
-_RETREAT, _MAX_CLAMP_FORCE, _RETREAT_TIME = 0.05, 45.0, 1.0
-# It is none that held the arm back in this time [s] by more than this part of the way: brakes do.
-_SEEN, _FOLLOWS = 0.2, 0.3
-# Nor is it one whose force, after so much of a way [m], is more than this part of what it was: a
-# load is as heavy everywhere.
-_EASES, _EASED = 0.005, 0.9
-# Joints stop no faster than in this time [s]; slower than this [rad/s or m/s] they all but rest.
-_SOFT, _SLOW = 0.05, 0.05
-
-_TINY = 1e-12
-
-
-# A motion works on a contact where it goes against its force by this part of it, at least.
-_AGAINST = 0.3
-# Where the force is not measured the tip follows by less than this part, too: friction and loads
-# go along.
-_BLOCKED = 0.5
-# Work on a contact that has ended is forgotten in this time [s]: it may come back.
-_FORGOTTEN = 0.1
+_BALANCE_PART = 0.8
+# A contact that the arm drove into is let go: at this speed [m/s], by joints no faster than this
+# [rad/s or m/s], until this force [N] is left, or for this time [s].
+_RETREAT_SPEED, _RETREAT_JOINT_SPEED, _CLAMP_FORCE, _RETREAT_TIME = 0.05, 0.5, 45.0, 1.0
+# It is given up where the arm went less than this part of the way after this time [s]: brakes hold
+# it; or where, after this way [m], more than this part of the force is left: it is a load.
+_STUCK_PART, _STUCK_TIME, _LOAD_PART, _LOAD_WAY = 0.3, 0.2, 0.9, 0.005
+# Joints brake for this time [s] at least; slower than this [rad/s or m/s] they all but rest.
+_BRAKING_TIME, _SLOW = 0.05, 0.05
+# A motion drives into a contact where it goes against its force by this part of it at least.  Where
+# the force is estimated the tip has to be kept from following, to less than this part: friction
+# and loads go along.
+_AGAINST_PART, _BLOCKED_PART = 0.3, 0.5
+# Time [s] in which the work on a contact that has ended is forgotten: it may come back.
+_FORGET_TIME = 0.1
+# Singular values below this part of the largest are none.
+_RANK = 0.05
 
 
 class ContactWork(NamedTuple):
     """Who did the work on a contact.
 
     Attributes:
-        led: [J] by the motion that the arm follows, against the force.
+        driven: [J] by the motion that the arm follows, against the force.
         pushed: [J] by the environment, which moved the tip.
         presses: whether the arm is told to exert the force.
     """
 
-    led: float = 0.0
+    driven: float = 0.0
     pushed: float = 0.0
     presses: bool = False
 
     @property
-    def is_driven_in(self) -> bool:
+    def drove_in(self) -> bool:
         """Whether the arm drove into what it touches."""
-        return self.presses or self.led > max(self.pushed, 0.0)
+        return self.presses or self.driven > max(self.pushed, 0.0)
 
     def after(
         self,
@@ -93,21 +88,30 @@ class ContactWork(NamedTuple):
         dp_e: Array,
         presses: bool,
     ) -> "ContactWork":
-        """Return the work after dt [s] in which a force (3,) [N] acted, if it is a contact.
+        """Return the work after dt [s] in which a force (3,) [N] acted on the tip.
 
         dp_d, dp_e (3,) [m/s] are the velocities of the motion and of the tip.
         """
         size = float(np.linalg.norm(force))
-        if size < (MEASURED_CONTACT if is_measured else least_contact(dp_e)):
-            left = math.exp(-dt / _FORGOTTEN)
-            return ContactWork(left * self.led, left * self.pushed)
-        lead, pushes = -float(force @ dp_d), float(force @ dp_e)
-        is_against = lead > _AGAINST * size * float(np.linalg.norm(dp_d))
-        is_against = is_against and (is_measured or -pushes < _BLOCKED * lead)
-        return ContactWork(self.led + dt * lead * is_against, self.pushed + dt * pushes, presses)
+        if size < least_contact(is_measured, dp_e):
+            left = math.exp(-dt / _FORGET_TIME)
+            return ContactWork(left * self.driven, left * self.pushed)
+        drives, pushes = -float(force @ dp_d), float(force @ dp_e)
+        is_against = drives > _AGAINST_PART * size * float(np.linalg.norm(dp_d))
+        if is_against and (is_measured or -pushes < _BLOCKED_PART * drives):
+            return ContactWork(self.driven + dt * drives, self.pushed + dt * pushes, presses)
+        return ContactWork(self.driven, self.pushed + dt * pushes, presses)
 
 
-UNTOUCHED = ContactWork()
+NO_CONTACT = ContactWork()
+
+
+class _Phase(Enum):
+    """What the joints are to do."""
+
+    BRAKING = auto()
+    RETREATING = auto()  # from what the arm drove into
+    HELD = auto()
 
 
 class JointHold:
@@ -116,47 +120,52 @@ class JointHold:
     Args:
         limits: of the joints; they brake within their accelerations where nothing is touched.
         rate: (n,) [Nm/s] at which the efforts may change.
+        length: [m] characteristic length of the arm.
         state: of the arm when this begins.
-        felt: (n,) e as it is followed, begun before.
+        e: (n,) as it is estimated then.
         w: the contact as it is measured, or None.
-        is_driven_in: whether the arm drove into what it touches: that is let go.
+        drove_in: whether the arm drove into what it touches: that is let go.
     """
 
     def __init__(
         self,
         limits: JointLimits,
         rate: Array,
+        length: float,
         state: DynamicState,
-        felt: Array,
+        e: Array,
         w: Array | None,
-        is_driven_in: bool,
+        drove_in: bool,
     ) -> None:
+        n = len(e)
+        self._phase, self._left = _Phase.HELD, 0.0  # [s] to brake
+        self._q_b, self._dq_b, self._ddq_b = state.arm.q.copy(), np.zeros(n), np.zeros(n)
+        self._fastest, self._most = _LATE_RATE, math.inf
         self.bound(limits, rate)
-        self._is_driven_in = is_driven_in
-        self._unknown = felt.copy() if w is None else np.zeros_like(felt)
-        self._w = w
-        self._balanced = np.zeros(6) if w is None else w
-        self._period = self._retreated = self._gained = 0.0
-        self._is_new = True
-        self._at_first = 0.0  # the force [N] from which it retreats
-        q, dq = state.arm.q.copy(), state.arm.dq.copy()
-        self._q_b, self._dq_b, self._ddq_b, self._left = q, dq, np.zeros_like(q), 0.0
-        force = self._force(state, felt)
-        is_moving = w is None and not is_driven_in and least_contact(state.arm.dp_e) > CONTACT
-        self._rubs = float(np.linalg.norm(force)) if is_moving else 0.0
-        if self._is_hit(state, force, MEASURED_CONTACT):
-            self._stop_at(q)  # a braking path would go on into it
+        self._length, self._drove_in = length, drove_in
+        self._unmeasured = e.copy() if w is None else np.zeros(n)
+        self._w, self._balanced = w, np.zeros(6) if w is None else w
+        self._period, self._is_new = 0.0, True
+        self._retreated = self._retreat_way = self._retreat_force = 0.0
+        self._swing = _Swing(n)
+        force, dp_e = self._force(state, e), state.arm.dp_e
+        # [N] that a tip in motion may feel of its joints' friction already
+        self._friction_force = 0.0
+        if w is None and not drove_in and np.linalg.norm(dp_e) > _AT_REST:
+            self._friction_force = float(np.linalg.norm(force))
+        if self._touches(state, force):
+            self._hold_at(state.arm.q)  # a braking path would go on into it
         else:
-            self._begin(q, dq)
+            self._brake(state.arm.q, state.arm.dq)
 
     def bound(self, limits: JointLimits, rate: Array) -> None:
         """Keep to limits of the joints, and to rates (n,) [Nm/s] of the efforts, from now on."""
         self._limits = limits
-        self._E = np.where(np.isfinite(limits.effort), limits.effort, _ENDLESS)
-        self._fastest = min(_FASTEST, float((rate / (_RAMPED * self._E)).min()))
+        self._E = np.where(np.isfinite(limits.effort), limits.effort, _UNLIMITED_EFFORT)
+        self._rate_bound = float((rate / (_PART_OF_LIMIT * self._E)).min())
 
     def effort(
-        self, dt: float, state: DynamicState, e: Array, felt: Array, w: Array | None
+        self, dt: float, state: DynamicState, e_now: Array, e: Array, w: Array | None
     ) -> Array:
         """Return the efforts (n,) that hold the joints, all terms of eq. (32) among them.
 
@@ -166,131 +175,195 @@ class JointHold:
         Args:
             dt: [s] since the state before.
             state: of the arm.
-            e: (n,) over that time; felt: the same, followed at FELT_RATE.
+            e_now: (n,) over that time; e: the same, estimated over some more.
             w: the contact as it is measured, or None.
         """
-        arm, B, C_dq, g, E = state.arm, state.B, state.C_dq, state.g, self._E
+        arm, B, E = state.arm, state.B, self._E
         self._period += (dt - self._period) * (0.1 if self._period > 0 else 1.0)
-        w_i, V = _modes(B, E / _GIVES)
-        w_i = np.minimum(w_i, min(self._fastest, _OF_A_PERIOD / (self._period or _SLOW_PERIOD)))
+        w_i, V = _modes(B, E / _FULL_EFFORT_DEVIATION)
+        w_i = np.minimum(w_i, self._largest_rate(dt, arm.dq))
         P = B @ V
         K, D = (P * w_i**2) @ P.T, (P * 2 * w_i) @ P.T
         self._measure(dt, state, w)
-        self._learn(dt, state, w_i, V, P, e, felt)
-        self._go_on(0.0 if self._is_new else dt, state, self._force(state, felt))
+        self._observe(dt, state, w_i, V, P, e_now, e)
+        self._go_on(0.0 if self._is_new else dt, state, self._force(state, e))
         self._is_new = False
         away = self._limits.difference(self._q_b, arm.q)
         away *= factor_within(np.zeros_like(E), K @ away, E)  # where more is asked it yields
         self._q_b = arm.q + away
-        weight = C_dq + g
-        x = -arm.J.T @ self._balanced - np.clip(self._unknown, -E, E)
-        balance = weight + factor_within(weight, x, _BALANCE * E) * x
+        weight = state.C_dq + state.g
+        x = -arm.J.T @ self._balanced - np.clip(self._unmeasured, -E, E)
+        balance = weight + factor_within(weight, x, _BALANCE_PART * E) * x
         holds = B @ self._ddq_b + D @ (self._dq_b - arm.dq) + K @ away
         tau: Array = balance + factor_within(balance, holds, E) * holds
         return np.clip(tau, -E, E)  # the weight alone may be beyond
 
+    def _largest_rate(self, dt: float, dq: Array) -> float:
+        """Return the largest w_i that period, effort rate and latency bear."""
+        largest = min(self._rate_bound, _RATE_TIMES_PERIOD / (self._period or _UNKNOWN_PERIOD))
+        if self._swing.swings(dt, dq):
+            self._most = max(self._fastest / 2, _SLOWEST)
+        self._fastest = min(math.exp(dt / _RISE_OF_RATE) * self._fastest, self._most, largest)
+        return self._fastest
+
     def _measure(self, dt: float, state: DynamicState, w: Array | None) -> None:
-        """Go on to the contact that is measured now; what is measured no more is unknown."""
+        """Go on to the contact that is measured now; one that is no more is unmeasured."""
         J = state.arm.J
         if (w is None) != (self._w is None):
             before = np.zeros(6) if w is None else w
-            self._unknown = self._unknown + J.T @ (self._balanced - before)
+            self._unmeasured = self._unmeasured + J.T @ (self._balanced - before)
             self._balanced = before
         self._w = w
         if w is None:
             return
         if np.linalg.norm(J.T @ w) <= np.linalg.norm(J.T @ self._balanced):
             self._balanced = w
-        elif state.arm.dp_e @ w[:3] > -_INTO * np.linalg.norm(w[:3]):
-            self._balanced = self._balanced + (1 - math.exp(-dt / _RISE_TIME)) * (
-                w - self._balanced
-            )
+        elif state.arm.dp_e @ w[:3] > -_APPROACH_SPEED * np.linalg.norm(w[:3]):
+            part = 1 - math.exp(-dt / _RISE_TIME)
+            self._balanced = self._balanced + part * (w - self._balanced)
 
-    def _learn(
-        self, dt: float, state: DynamicState, w_i: Array, V: Array, P: Array, e: Array, felt: Array
+    def _observe(
+        self,
+        dt: float,
+        state: DynamicState,
+        w_i: Array,
+        V: Array,
+        P: Array,
+        e_now: Array,
+        e: Array,
     ) -> None:
-        """Go on to what is unknown of e: the observer of De Luca and others, a mode at its rate."""
+        """Go on to what is not measured of e: the observer of De Luca and others, mode by mode."""
         measured = 0.0 if self._w is None else state.arm.J.T @ self._w
-        k_i = np.minimum(_LEARNT, 1 / (1 + _ROTOR * (V**2).sum(axis=0)))
+        k_i = np.minimum(_OBSERVER_PART, 1 / (1 + _UNKNOWN_ROTOR * (V**2).sum(axis=0)))
         part = 1 - np.exp(-k_i * w_i * dt)
-        learnt = P @ (part * (V.T @ (e - measured - self._unknown)))
-        self._unknown = math.exp(-dt / _FADES) * self._unknown + learnt
+        change = P @ (part * (V.T @ (e_now - measured - self._unmeasured)))
+        self._unmeasured = math.exp(-dt / _FADE_TIME) * self._unmeasured + change
         if self._w is None:
-            left, held = V.T @ felt / w_i, V.T @ self._unknown / w_i
+            left, held = V.T @ e / w_i, V.T @ self._unmeasured / w_i
             if left @ left < 0.5 * held @ held:  # the contact lets go
-                self._unknown = felt.copy()
+                self._unmeasured = e.copy()
 
     def _go_on(self, dt: float, state: DynamicState, force: Array) -> None:
-        """Move q_b, dq_b on, and say how they go on from there."""
+        """Move q_b, dq_b on, and decide how they go on from there."""
         arm, limits, size = state.arm, self._limits, float(np.linalg.norm(force))
         q_b = self._q_b + dt * (self._dq_b + dt / 2 * self._ddq_b)
         self._q_b = np.clip(q_b, np.minimum(limits.lower, arm.q), np.maximum(limits.upper, arm.q))
         self._dq_b = self._dq_b + dt * self._ddq_b
-        self._left = max(self._left - dt, 0.0)
-        if self._is_driven_in and size > _MAX_CLAMP_FORCE and self._retreated < _RETREAT_TIME:
-            self._retreated += dt
-            self._gained += dt * float(arm.dp_e @ force) / size
-            v = np.concatenate((_RETREAT * force / size, np.zeros(3)))
-            self._stop_at(self._q_b)
-            self._dq_b = np.linalg.pinv(arm.J, rcond=0.05) @ v
-            self._at_first = self._at_first or size
-            is_stuck = self._gained < _FOLLOWS * _RETREAT * (self._retreated - _SEEN)
-            is_weight = self._gained > _EASES and size > _EASED * self._at_first
-            if is_stuck or is_weight:
-                self._is_driven_in = False
-                self._stop_at(arm.q)
-        elif self._left > 0 and self._is_hit(
-            state, force, CONTACT
-        ):  # on the way: what comes of that is let go, too
-            self._is_driven_in |= bool(force @ (arm.J[:3] @ self._dq_b) < -_INTO * size)
-            self._stop_at(arm.q)
-        elif self._left > 0 and self._is_braked_by_others(arm.dq):
-            self._begin(arm.q, arm.dq)
-        elif self._left > 0:
-            self._ddq_b = -self._dq_b / max(self._left, dt)
-        else:
-            self._stop_at(self._q_b)
+        if self._phase is _Phase.BRAKING:
+            self._left -= dt
+            if self._touches(state, force):  # on the way: that was driven into, too
+                drove = force @ (arm.J[:3] @ self._dq_b) < -_APPROACH_SPEED * size
+                self._drove_in = self._drove_in or bool(drove)
+                self._hold_at(arm.q)
+            elif self._is_braked_by_others(arm.dq):
+                self._brake(arm.q, arm.dq)
+            elif self._left > 0:
+                self._ddq_b = -self._dq_b / max(self._left, dt)
+            else:
+                self._hold_at(self._q_b)
+        if self._phase is _Phase.HELD and self._drove_in and size > _CLAMP_FORCE:
+            self._phase, self._retreat_force = _Phase.RETREATING, size
+        if self._phase is _Phase.RETREATING:
+            self._retreat(dt, state, force)
 
-    def _begin(self, q: Array, dq: Array) -> None:
+    def _retreat(self, dt: float, state: DynamicState, force: Array) -> None:
+        """Move away along the force of a contact, until little of it is left, or it is none."""
+        arm, size = state.arm, float(np.linalg.norm(force))
+        self._retreated += dt
+        self._retreat_way += dt * float(arm.dp_e @ force) / max(size, _CLAMP_FORCE)
+        went = _STUCK_PART * _RETREAT_SPEED * (self._retreated - _STUCK_TIME)
+        is_stuck = self._retreat_way < went
+        is_load = self._retreat_way > _LOAD_WAY and size > _LOAD_PART * self._retreat_force
+        if is_stuck or is_load or self._retreated > _RETREAT_TIME:
+            self._drove_in = False
+        if not self._drove_in or size < _CLAMP_FORCE:
+            self._hold_at(arm.q)
+            return
+        v = np.concatenate((_RETREAT_SPEED * force / size, np.zeros(3)))
+        dq_b = _pseudo_inverse(arm.J, self._length) @ v
+        fastest = float(np.abs(dq_b).max())
+        self._dq_b = dq_b * min(1.0, _RETREAT_JOINT_SPEED / max(fastest, _SLOW))
+
+    def _brake(self, q: Array, dq: Array) -> None:
         """Brake from q, dq (n,) on; at once where no acceleration is too large."""
         lasts = self._limits.stop_time(dq)
         if lasts == 0:
-            self._stop_at(q)
+            self._hold_at(q)
             return
-        self._left = max(lasts, _SOFT)
-        self._q_b, self._dq_b, self._ddq_b = q, dq, -dq / self._left
+        self._phase, self._left = _Phase.BRAKING, max(lasts, _BRAKING_TIME)
+        self._q_b, self._dq_b, self._ddq_b = q.copy(), dq.copy(), -dq / self._left
 
-    def _stop_at(self, q: Array) -> None:
-        self._q_b, self._left = q, 0.0
+    def _hold_at(self, q: Array) -> None:
+        self._phase, self._q_b = _Phase.HELD, q.copy()
         self._dq_b = self._ddq_b = np.zeros_like(q)
 
     def _is_braked_by_others(self, dq: Array) -> bool:
         speed = self._dq_b @ self._dq_b
         return bool(speed > _SLOW**2 and dq @ self._dq_b < speed / 2)
 
-    def _is_hit(self, state: DynamicState, force: Array, least: float) -> bool:
-        """Whether the tip hits something: a force (3,) [N] that is no friction of the joints."""
-        if self._w is None:
-            least = self._rubs + least_contact(state.arm.dp_e)
-        return float(np.linalg.norm(force)) > least
+    def _touches(self, state: DynamicState, force: Array) -> bool:
+        """Return whether a force (3,) [N] on the tip is that of a contact."""
+        least = least_contact(self._w is not None, state.arm.dp_e)
+        return float(np.linalg.norm(force)) > least + self._friction_force
 
-    def _force(self, state: DynamicState, felt: Array) -> Array:
+    def _force(self, state: DynamicState, e: Array) -> Array:
         """Return the force (3,) [N] of the contact on the tip."""
-        return contact_force(state.arm.J, felt) if self._w is None else self._w[:3]
+        if self._w is None:
+            return contact_force(state.arm.J, e, self._length)
+        return self._w[:3]
 
 
-def least_contact(dp_e: Array) -> float:
-    """Return the force [N] from which the tip, at dp_e (3,) [m/s], is taken to touch something.
+class _Swing:
+    """Sees joints that swing without coming to rest.
 
-    Where it is not measured: friction of joints that move looks like a contact.
+    Args:
+        n: number of joints.
     """
-    return _HIT_IN_MOTION if float(np.linalg.norm(dp_e)) > _MOVES else CONTACT
+
+    def __init__(self, n: int) -> None:
+        self._sign, self._peak, self._last_peak = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._count, self._age = np.zeros(n, dtype=int), np.zeros(n)
+        self._states = np.zeros(n, dtype=int)  # since it turned last
+
+    def swings(self, dt: float, dq: Array) -> bool:
+        """Return whether a joint at dq (n,) swings, dt [s] after the last call; once a time."""
+        self._age += dt
+        turned = dq * self._sign < 0
+        turns = turned & (self._peak > _SWING_SPEED) & (self._states >= _SWING_STATES)
+        self._states = np.where(turned, 1, self._states + 1)
+        goes_on = turns & (self._peak > _SWING_PART * self._last_peak) & (self._age < _SWING_TIME)
+        self._count = np.where(turns, np.where(goes_on, self._count + 1, 1), self._count)
+        self._last_peak = np.where(turns, self._peak, self._last_peak)
+        self._age = np.where(turns, 0.0, self._age)
+        self._peak = np.where(dq * self._sign > 0, np.maximum(self._peak, np.abs(dq)), np.abs(dq))
+        self._sign = np.where(dq == 0, self._sign, np.sign(dq))
+        is_swinging = bool((self._count >= _REVERSALS).any())
+        if is_swinging:
+            self._count[:] = 0
+        return is_swinging
 
 
-def contact_force(J: Array, e: Array) -> Array:
-    """Return the force (3,) [N] on the tip that exerts e (n,) on the joints, as far as one can."""
-    force: Array = (np.linalg.pinv(J.T, rcond=0.05) @ e)[:3]
+def least_contact(is_measured: bool, dp_e: Array) -> float:
+    """Return the least force [N] that is a contact, of a tip at dp_e (3,) [m/s]."""
+    if is_measured:
+        return _MEASURED
+    return _ESTIMATED_IN_MOTION if float(np.linalg.norm(dp_e)) > _AT_REST else _ESTIMATED
+
+
+def contact_force(J: Array, e: Array, length: float) -> Array:
+    """Return the force (3,) [N] on the tip that exerts e (n,) on the joints, as far as one can.
+
+    Directions in which the tip can hardly move, ``length`` [m] weighing turns, have none.
+    """
+    force: Array = (_pseudo_inverse(J, length).T @ e)[:3]
     return force
+
+
+def _pseudo_inverse(J: Array, length: float) -> Array:
+    """Return the pseudo-inverse (n, 6) of J (6, n) without its small singular values."""
+    scale = np.repeat([1.0 / length, 1.0], 3)
+    inverse: Array = np.linalg.pinv(scale[:, None] * J, rcond=_RANK) * scale
+    return inverse
 
 
 def _modes(B: Array, K: Array) -> tuple[Array, Array]:

@@ -121,7 +121,7 @@ class NoMotionLoop:
     def skip(self) -> None:
         """Go on: there are no rates."""
 
-    def see_contact(
+    def note_contact(
         self, dt: float, row: Array, desired: Array, force: Array | None, presses: bool
     ) -> None:
         """Go on: no joint is held here."""
@@ -577,7 +577,7 @@ class ImpedanceControl(Scheme):
         if self.force.is_on:
             h = h + self._ahead(row)
         tau, saturated, excess = motion.efforts(dt, row, compliant, h)  # eq. (48)
-        motion.see_contact(dt, row, desired, None if self.is_frozen else w[:3], self.force.is_on)
+        motion.note_contact(dt, row, desired, None if self.is_frozen else w[:3], self.force.is_on)
         command = of_parts(JointCommand, (None, None, tau, compliant))
         # of the tip from the desired frame, not from the compliant one
         self._x_de = x_de = sensed[12:]

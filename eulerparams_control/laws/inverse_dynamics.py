@@ -131,15 +131,15 @@ class InverseDynamics:
         return np.empty((2, 0)) if friction is None else np.array([*astuple(friction)])
 
 
-DQ, DDQ, TAU, DRIFT, SPEED, FELT = range(6)
+DQ, DDQ, TAU, DRIFT, SPEED, EXTERNAL = range(6)
 """Rows of what is known of the command before: speeds measured then, all NaN if it was not obeyed;
 the accelerations that were wanted; the efforts that act, all NaN if the weight does; by how
 much [rad/s^2] the joints accelerate more than commanded; speeds measured then, obeyed or not, all
 NaN if they are not known; and what the environment exerts on the joints [Nm]."""
 
-PAST = FELT + 1
-FELT_RATE = 100.0
-"""Rate [1/s] at which what the environment exerts is followed."""
+PAST = EXTERNAL + 1
+OBSERVER_RATE = 100.0
+"""Rate [1/s] at which the external efforts are estimated."""
 
 RATE = 5
 """Row of the rates of the efforts, below the limits of the joints."""
@@ -199,7 +199,7 @@ def commanded(
         efforts(chain, dq, still, work, gravity, coriolis, added)
         for i in range(n):
             added[i] = weight[i] - added[i]
-    _feel(chain, dq, work, dt, added, friction, past)
+    _observe(chain, dq, work, dt, added, friction, past)
     for i in range(n):
         wanted[i] = ddq[i]
     if is_limited:
@@ -226,13 +226,13 @@ def commanded(
 
 
 @kernel
-def _feel(
+def _observe(
     chain: Rows, dq: Input, work: Rows, dt: float, added: Row, friction: Rows, past: Rows
 ) -> None:  # fmt: skip
-    """Follow what the environment exerts on the joints: B ddq + C dq + d + g - tau, eq. (32)."""
+    """Estimate the external efforts: B ddq + C dq + d + g - tau, eq. (32)."""
     if not dt > 0.0 or math.isnan(past[SPEED, 0]) or math.isnan(past[TAU, 0]):
         return
-    n, part = len(dq), 1.0 - math.exp(-FELT_RATE * dt)
+    n, part = len(dq), 1.0 - math.exp(-OBSERVER_RATE * dt)
     ddq, needed = np.empty(n), np.empty(n)
     for i in range(n):
         ddq[i] = (dq[i] - past[SPEED, i]) / dt
@@ -242,7 +242,7 @@ def _feel(
         if friction.shape[1] > 0:
             e += friction_effort(friction[0, i], friction[1, i], dq[i])
         if math.isfinite(e):
-            past[FELT, i] += part * (e - past[FELT, i])
+            past[EXTERNAL, i] += part * (e - past[EXTERNAL, i])
 
 
 @kernel
