@@ -127,10 +127,10 @@ class Drive:
 
     def hear(self, number: int, now: float) -> bool:
         """Note who sent a message by its number; return whether to heed the sender."""
-        heeded = self._senders.hear(number, now)
+        accepted = self._senders.hear(number, now)
         if self._senders.contested != (self.status.mode is DriveMode.CONTESTED):
             self._judge(now)
-        return heeded
+        return accepted
 
     def command(self, msg: Any, number: int, now: float) -> DriveReply:
         """Take a command, or not.
@@ -140,7 +140,7 @@ class Drive:
             number: of the message among those of its publisher.
             now: when it came.
         """
-        heeded = self.hear(number, now)
+        accepted = self.hear(number, now)
         try:
             command = self._reader.from_ros(msg)
         except InvalidMessageError as error:
@@ -149,7 +149,7 @@ class Drive:
             self.count(REJECTED)
             return DriveReply.REJECTED
         stamp = ns_from_ros(msg.header.stamp)
-        if not self._may_take(stamp, now, heeded=heeded):
+        if not self._may_take(stamp, now, accepted=accepted):
             return DriveReply.REFUSED
         self._heard, self.rejection = now, None
         self._go(DriveEvent.COMMAND, now)
@@ -161,9 +161,9 @@ class Drive:
                 self._clip(str(self._simulator.clipped))
         return DriveReply.TAKEN
 
-    def _may_take(self, stamp: int, now: float, *, heeded: bool) -> bool:
+    def _may_take(self, stamp: int, now: float, *, accepted: bool) -> bool:
         """Whether a good command may act; count it if not."""
-        if not heeded:
+        if not accepted:
             self.count(OTHER)
         elif self.status.mode in (DriveMode.STOPPING, DriveMode.ENDED):
             self.count(IN_STOP)

@@ -380,15 +380,15 @@ def both(first: int, second: int, count: int = 5) -> list[int]:
 @pytest.mark.parametrize("at_once", [False, True])
 def test_two_that_send_in_turn_are_told_from_each_other_whatever_their_numbers(second, at_once):
     senders = Senders(0.1, 5.0, at_once=at_once)
-    heeded = hear(senders, *both(500, second))
+    accepted = hear(senders, *both(500, second))
     assert senders.contested
-    assert not any(heeded[5 + 4 :])  # within two commands of the second
+    assert not any(accepted[5 + 4 :])  # within two commands of the second
     assert not any(hear(senders, 505, second + 5, 506, second + 6, since=0.02))
-    assert all(heeded[:5])
+    assert all(accepted[:5])
 
 
 @pytest.mark.parametrize(
-    ("heard", "contested"),  # since when, which numbers, and whether they are heeded
+    ("heard", "contested"),  # since when, which numbers, and whether they are accepted
     [
         ([(0, (10, 11, 12), True), (0.01, (1, 2, 3), False), (0.103, (4, 5, 6), True)], False),
         ([(0, (1, 2, 3, 10, 11, 60, 61, 160), True)], False),
@@ -405,8 +405,8 @@ def test_two_that_send_in_turn_are_told_from_each_other_whatever_their_numbers(s
 )
 def test_who_is_heeded_goes_by_the_numbers_of_the_messages(heard, contested):
     senders = Senders(0.1, 5.0, at_once=False)
-    for since, numbers, heeded in heard:
-        assert set(hear(senders, *numbers, since=since)) == {heeded}
+    for since, numbers, accepted in heard:
+        assert set(hear(senders, *numbers, since=since)) == {accepted}
     assert senders.contested == contested
 
 
@@ -423,11 +423,11 @@ def test_the_contest_ends_with_the_silence_of_one_or_when_the_graph_shows_one():
     assert all(hear(senders, 700, 701, since=6.1))
     plain = Senders(0.1, 5.0, at_once=False)  # without numbers two names are two controllers
     assert all(hear(plain, UNNUMBERED, UNNUMBERED))
-    for names, heeded in ((["/a", "/a"], True), (["/a", "/b"], False), (["/a"], True)):
+    for names, accepted in ((["/a", "/a"], True), (["/a", "/b"], False), (["/a"], True)):
         plain.see(names)
-        assert hear(plain, UNNUMBERED, UNNUMBERED) == 2 * [heeded]
+        assert hear(plain, UNNUMBERED, UNNUMBERED) == 2 * [accepted]
         plain.review(100.0)
-        assert plain.contested is not heeded
+        assert plain.contested is not accepted
 
 
 # --- the protective stop ---------------------------------------------------------------------

@@ -24,7 +24,7 @@ _LOST_STATES = 1000
 _RETURNS = 2
 
 # Number of senders that are told apart.
-_MOST = 8
+_MAX_SENDERS = 8
 
 
 @dataclass(slots=True)
@@ -38,20 +38,20 @@ class _Sender:
 class Senders:
     """Tells apart who sends, by the numbers of the messages.
 
-    One is listened to, the heeded; a second one is not, until the first has been silent for
+    One is listened to, the accepted one; a second one is not, until the first has been silent for
     ``pause``.  If the first speaks again within ``pause`` of the second, or they take turns
-    with longer pauses, both are sending: the robot is contested, and nobody is heeded until
+    with longer pauses, both are sending: the robot is contested, and nobody is accepted until
     all but one have been silent for ``quiet``.
 
     Args:
         pause: [s].
         quiet: [s].
-        at_once: heed who is new without waiting for the silence of the first.
+        at_once: accept a newcomer without waiting for the silence of the first.
         lost: more messages in a row are not lost on the way.
 
     Attributes:
         contested: whether two are sending.
-        heeded: who is; None: nobody.
+        accepted: who is; None: nobody.
     """
 
     def __init__(self, pause: float, quiet: float, *, at_once: bool, lost: int = _LOST) -> None:
@@ -62,7 +62,7 @@ class Senders:
         """Know nobody."""
         self._known: list[_Sender] = []
         self._last: _Sender | None = None  # who spoke last
-        self.heeded: _Sender | None = None
+        self.accepted: _Sender | None = None
         self._returns = 0
         self._unnumbered = False
         self.contested = False
@@ -77,14 +77,14 @@ class Senders:
     def hear(self, number: int, now: float) -> bool:
         """Return whether to heed the message of this number that came at ``now`` [s]."""
         last = self._last
-        if last is not None and last is self.heeded and number == last.number + 1:
+        if last is not None and last is self.accepted and number == last.number + 1:
             last.number, last.heard = number, now
             return True
         return self._distinguish(number, now)
 
     def review(self, now: float) -> None:
         """Forget who has been silent for long at ``now`` [s]."""
-        self._known = [s for s in self._known if now - s.heard <= self._quiet][-_MOST:]
+        self._known = [s for s in self._known if now - s.heard <= self._quiet][-_MAX_SENDERS:]
         if len(self._known) < 2 and not self._unnumbered:
             self.contested, self._returns = False, 0
 
@@ -105,13 +105,13 @@ class Senders:
         sender.number, sender.heard = number, now
         self._last = sender
         if self.contested:
-            self.heeded = None
-        elif self._may_follow(self.heeded, sender, now):
-            self.heeded = sender
-        return self.heeded is sender
+            self.accepted = None
+        elif self._may_follow(self.accepted, sender, now):
+            self.accepted = sender
+        return self.accepted is sender
 
     def _may_follow(self, first: _Sender | None, sender: _Sender, now: float) -> bool:
-        """Whether a sender may be heeded instead of, or as, the first."""
+        """Whether a sender may be accepted instead of, or as, the first."""
         if first is None or first is sender or self._at_once:
             return True
         return now - first.heard > self._pause
@@ -169,20 +169,20 @@ class Source:
     def hear(self, number: int, now: float) -> bool:
         """Return whether the state of this number that came at ``now`` [s] may be looked at."""
         senders = self._senders
-        is_heeded = senders.hear(number, now)
+        is_accepted = senders.hear(number, now)
         if senders.contested:
             self._dispute(math.inf)
             return False
-        self.is_numbered = senders.heeded is not None
-        if not is_heeded:
+        self.is_numbered = senders.accepted is not None
+        if not is_accepted:
             return False
         if self.is_disputed and self.is_numbered:
-            if self._before not in (None, senders.heeded):
+            if self._before not in (None, senders.accepted):
                 return False
-            self._believe(senders.heeded, now)
+            self._believe(senders.accepted, now)
             self._looked_long = True
-        elif self._due == math.inf or senders.heeded is not self._one:
-            self._believe(senders.heeded, now + LOOK)
+        elif self._due == math.inf or senders.accepted is not self._one:
+            self._believe(senders.accepted, now + LOOK)
         return True
 
     def contradict(self, now: float) -> None:
@@ -212,7 +212,7 @@ class Source:
     def accept(self, now: float) -> None:
         """Believe the one that is left, although it was not believed before the dispute."""
         if self.is_disputed and not self.is_contested:
-            self._believe(self._senders.heeded, now)
+            self._believe(self._senders.accepted, now)
             self._looked_long = True
 
     def _believe(self, one: object, due: float) -> None:

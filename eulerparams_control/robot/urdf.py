@@ -1,6 +1,6 @@
 """A URDF, read once, whoever sent it: the tree of links and joints that it must be.
 
-What counts is checked and written anew, numbers as numbers and axes of length 1, and only that is
+Values that count are checked and rewritten, numbers as numbers, axes of length 1; only they are
 given to Pinocchio and PyBullet, so that both see the same arm.  By itself Pinocchio goes on with a
 massless link where it cannot read an ``<inertial>``, so that the arm would be held with too little
 effort, and PyBullet takes the length of an ``<axis>`` for a factor of the joint's motion.

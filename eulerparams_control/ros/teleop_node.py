@@ -87,7 +87,7 @@ class Interlock:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew, after a silence of the device or a message that is not valid."""
+        """Restart, after a silence of the device or an invalid message."""
         self.waits_for, self._was_released, self._neutral = "", False, np.zeros(6, dtype=bool)
 
     def passing(self, axes: Array, pressed: bool | None, neutral: float) -> Array:
