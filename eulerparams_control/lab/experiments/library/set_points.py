@@ -35,15 +35,17 @@ def run() -> Result:
     numbers, lines = {}, []
     for variant in VARIANTS:
         stream = between(variant, R_1, R_2, share[:, None])
-        off, on = _away(stream, R_1), _away(shaped(stream), R_1)
-        name = variant.orientation
-        numbers[f"{name}_off"] = Number(max(off), f"{variant.label}, shaper off", "deg")
-        numbers[f"{name}_on"] = Number(max(on), f"{variant.label}, shaper on", "deg")
-        lines.append(Line(variant.label, np.column_stack((share, off)), markers=False))
+        away = _away(stream, R_1)
+        text = f"{variant.label}, shaper off"
+        numbers[f"{variant.orientation}_off"] = Number(max(away), text, "deg")
+        lines.append(Line(variant.label, np.column_stack((share, away)), markers=False))
     ends = _away(shaped(np.array([R_1, R_2])), R_1)
     numbers["ends"] = Number(max(ends), "set-points as they are, shaper on", "deg")
-    stream = between(VARIANTS[0], R_1, R_2, share[:, None])
-    for name, Rs in (("off", stream), ("on", shaped(stream))):
+    rotation_vectors = between(VARIANTS[0], R_1, R_2, share[:, None])
+    through_shaper = shaped(rotation_vectors)
+    text = "rotation vector, shaper on"
+    numbers["rotation_vector_on"] = Number(max(_away(through_shaper, R_1)), text, "deg")
+    for name, Rs in (("off", rotation_vectors), ("on", through_shaper)):
         speed = float(angle_between(Rs[:-1], Rs[1:]).max()) * _RATE
         text = f"rotation vector, shaper {name}: peak speed"
         numbers[f"speed_{name}"] = Number(speed, text, "rad/s")
