@@ -16,7 +16,7 @@ export ROS_PYTHON_CHECK_FIELDS ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 unexport PYTHONDONTWRITEBYTECODE  # or each process of a run or a test compiles all again
 
-.PHONY: setup compiled demo live test test-long test-floor floor-tests bench paper compare yardstick yardstick-paper map faults soak two-hosts docs picture lint clean
+.PHONY: setup compiled demo live test test-long test-floor floor-tests bench paper compare yardstick yardstick-paper map soak two-hosts docs picture lint clean
 
 setup: $(READY)
 
@@ -80,9 +80,6 @@ yardstick-paper: $(READY)
 
 map: $(READY)
 	@$(VENV)/bin/failure_map --out $(OUT)/map $(ARGS)
-
-faults: $(READY)
-	@$(VENV)/bin/fault_campaign --out $(OUT)/faults $(if $(JOBS),--jobs $(JOBS)) $(ARGS)
 
 soak: $(READY)
 	@rm -rf $(OUT)/soak

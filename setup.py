@@ -18,7 +18,6 @@ EXECUTABLES = [
     "dynamic_control",
     "experiment",
     "failure_map",
-    "fault_campaign",
     "fault_injector",
     "identify_tool",
     "impedance_control",

@@ -25,7 +25,6 @@ PROGRAMS = {
     "bag_recorder": "eulerparams_control.bags.recorder",
     "analyze": "eulerparams_control.analysis.main",
     "experiment": "eulerparams_control.lab.experiments.main",
-    "fault_campaign": "eulerparams_control.lab.campaign.main",
     "failure_map": "eulerparams_control.lab.maps.main",
     "compile_laws": "eulerparams_control.control.compile_laws",
     "live": "eulerparams_control.live.main",

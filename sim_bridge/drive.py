@@ -1,7 +1,7 @@
 """The drive of a robot: it obeys, brakes, stops, refuses commands, and says why.
 
-The one policy of the simulated robot, free of ROS and of clocks: the bridge, the campaign and
-the tests drive it by ``reset``, ``command``, ``step`` and ``close``.  Every time ``now`` [s] is
+The one policy of the simulated robot, free of ROS and of clocks: the bridge and the
+tests drive it by ``reset``, ``command``, ``step`` and ``close``.  Every time ``now`` [s] is
 given: of the steady clock in real time, of the simulation in lock-step.
 """
 
@@ -167,7 +167,7 @@ class Drive:
             self.count(OTHER)
         elif self.status.mode in (DriveMode.STOPPING, DriveMode.ENDED):
             self.count(IN_STOP)
-        elif not self._policy.takes_late and self._order.is_late(stamp, now):
+        elif self._order.is_late(stamp, now):
             self.count(LATE)
         else:
             return True

@@ -110,7 +110,6 @@ class DrivePolicy:
         push_timeout: how long a push lasts that is not repeated [s].
         changes_at_once: whether a new controller is obeyed without waiting for the silence of
             the one before.
-        takes_late: whether a command may take the place of one with a later stamp.
         on_silence: what it does when it has had no command for longer than command_timeout.
         max_joint_acceleration: [rad/s^2] that commands in position control may ask for, one, or
             one a joint; 0 or empty: any.  See :mod:`sim_bridge.acceleration`.
@@ -120,6 +119,5 @@ class DrivePolicy:
     command_delay: int = 0
     push_timeout: float = math.inf
     changes_at_once: bool = False
-    takes_late: bool = False
     on_silence: OnSilence = OnSilence.BRAKE
     max_joint_acceleration: Sequence[float] = ()

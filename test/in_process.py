@@ -28,8 +28,6 @@ from ros_processes import MODULES, Controlled, Peer, ros_arguments
 
 from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import EulerParamsError
-from eulerparams_control.lab.campaign.ros.in_process_dds import take
-from eulerparams_control.lab.campaign.ros.in_process_dds import until as wait_for
 from eulerparams_control.lab.run.domains import Domain
 
 # Number of messages that are handled before a condition is checked again, as a run in lock-step
@@ -42,6 +40,28 @@ STEP, PATIENCE = 0.02, 200.0
 _DDS = Path(__file__).with_name("fast_dds.xml")
 # How long [s] a node may take to bring its arm to rest, as the executables have it.
 _STOP_SECONDS = 3.0
+
+
+def wait_for(condition: Callable[[], Any], what: str) -> None:
+    """Wait until a condition on DDS holds: within a process that is soon."""
+    deadline = time.monotonic() + _LONGEST
+    while not condition():
+        assert time.monotonic() < deadline, f"{what}: has not happened within {_LONGEST:g} s"
+        time.sleep(0.0005)
+
+
+def take(subscription: Subscription) -> tuple[Any, Any]:
+    """Return the next message of a subscription with its info; wait for it."""
+    found: list[Any] = []
+
+    def is_there() -> bool:
+        with subscription.handle:
+            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+        found[:] = [] if taken is None else [taken]
+        return taken is not None
+
+    wait_for(is_there, f"a message on {subscription.topic_name}")
+    return found[0]
 
 
 def module_of(executable: str) -> Any:

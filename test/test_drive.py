@@ -266,22 +266,19 @@ def test_the_warning_of_clipping_lasts_as_long_as_the_clipping_whatever_else_is_
 
 
 # --- the order of commands -------------------------------------------------------------------
-@pytest.mark.parametrize("takes_late", [False, True])
-def test_an_older_command_does_not_take_the_place_of_a_newer_one(bench, takes_late):
-    robot = bench(Policy(takes_late=takes_late))
+def test_an_older_command_does_not_take_the_place_of_a_newer_one(bench):
+    robot = bench(Policy())
     away, strayed = at(HOME + 0.2), []
 
     def both() -> None:
         newer = 10**9 + round(robot.now * 1e9)
         assert robot.send(newer, **REST) is Reply.TAKEN
-        late = robot.send(newer - 10 * MS, **away)
-        assert late is (Reply.TAKEN if takes_late else Reply.REFUSED)
+        assert robot.send(newer - 10 * MS, **away) is Reply.REFUSED
         strayed.append(np.abs(robot.state.q - HOME).max())
 
     robot.step(0.5, both)
-    assert (max(strayed) < REACHED, robot.count(driving.LATE)) == (
-        (False, 0) if takes_late else (True, 50)
-    )
+    assert max(strayed) < REACHED
+    assert robot.count(driving.LATE) == 50
 
 
 def test_only_stamps_that_stay_older_for_longer_than_the_patience_are_taken():

@@ -25,7 +25,7 @@ from eulerparams_control.command_line import EXTRAS, executables, extra_of
 ROOT = Path(__file__).resolve().parents[1]
 EXECUTABLES = {
     *("clik", "compliance_control", "dynamic_control", "impedance_control", "reference"),
-    *("pybullet_bridge", "identify_tool", "fault_injector", "fault_campaign"),
+    *("pybullet_bridge", "identify_tool", "fault_injector"),
     *("analyze", "bag_recorder", "compile_laws", "experiment", "failure_map", "live", "teleop"),
     "watchdog",
 }

@@ -9,12 +9,11 @@ from tolerances import HELD, NULL_SPACE, assert_close
 
 from eulerparams_control.command_line import executables
 from eulerparams_control.control.controller import Controller, ControllerOptions
-from eulerparams_control.lab.campaign.plan import make_plan
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.laws.orientation import ORIENTATIONS
 from eulerparams_control.parameters.fields import fields_of, from_mapping
 from eulerparams_control.parameters.schemes import COMMANDS, SchemeInfo, schemes
-from eulerparams_control.ros.control_node import node_class
+from eulerparams_control.ros.control_node import ControlNode
 
 STEP = 1_000_000  # [ns]
 FRAMES = {"base_frame": UR5.base_frame, "tip_frame": UR5.tip_frame}
@@ -25,21 +24,22 @@ def scheme(request: pytest.FixtureRequest) -> SchemeInfo:
     return schemes()[request.param]
 
 
-def test_its_interface_is_that_of_its_experiment_and_of_its_campaign(scheme):
-    controller, plan = CONTROLLERS[scheme.name], make_plan(0, scheme.name)
+def test_its_interface_is_that_of_its_experiment(scheme):
+    controller = CONTROLLERS[scheme.name]
     assert controller.executables == (scheme.name,)
     assert controller.topics == scheme.topics
     assert controller.answers == (*scheme.outputs, scheme.command)
-    assert plan.control == controller.control == scheme.control
+    assert controller.control == scheme.control
     assert scheme.command == COMMANDS[scheme.control]
-    assert from_mapping(scheme.parameters, plan.parameters()).orientation == plan.orientation
 
 
 def test_its_node_is_an_executable_that_has_its_parameters(scheme):
     assert executables()[scheme.name] == scheme.node
-    node = node_class(scheme)
-    assert node.parameters_type is scheme.parameters
-    assert callable(importlib.import_module(scheme.node).main)
+    module = importlib.import_module(scheme.node)
+    classes = [each for each in vars(module).values() if isinstance(each, type)]
+    nodes = [each for each in classes if issubclass(each, ControlNode)]
+    assert scheme.parameters in [node.parameters_type for node in nodes]
+    assert callable(module.main)
 
 
 @pytest.mark.parametrize("orientation", ORIENTATIONS)

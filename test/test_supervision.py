@@ -507,6 +507,21 @@ def test_after_a_silence_of_its_own_a_controller_begins_where_the_arm_is_then():
     assert not command.dq.any()
 
 
+def test_a_reference_that_comes_right_after_the_resume_of_a_released_arm_is_followed():
+    running, t, q, _, now = following(dynamic_control(), now=50.0)
+    since = t
+    t = lets_go(running, t + MS, q, 1.6 * UR5.limits.velocity, now + DT)
+    q, now = running.acting.q, now + (t - since) / 1e9
+    for k in range(400):
+        assert running.step(t + k * MS, q, STILL, now + k * DT) is None
+    t, now, here = t + 400 * MS, now + 400 * DT, running.scheme.frame_at(q)
+    running.orders.resume()
+    running.orders.follow(way_points([1.0], [(here.p_d, here.R_d)]), None, now)
+    effort = running.step(t, q, STILL, now).effort
+    assert running.mode is Mode.FOLLOWING
+    np.testing.assert_allclose(effort, UR5.dynamic_state(q, STILL).g, atol=2.0)
+
+
 # --- defects at the wrong moment ----------------------------------------------------------
 def test_a_restart_that_fails_is_a_restart_again_at_the_next_state():
     running, t, q, _, now = following(clik(limits=UR5.limits), now=50.0)

@@ -30,6 +30,7 @@ from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.wrench import SensedWrench
 from eulerparams_control.motion.frames import DesiredFrame, Placement
+from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.parameters.fields import from_mapping
 from eulerparams_control.parameters.schemes import schemes
@@ -41,7 +42,9 @@ Array = NDArray[np.float64]
 class Product:
     """A controller of the package, made of parameters; states and orders in, commands out."""
 
-    def __init__(self, law: str, arm: "Arm", values: dict[str, Any], q: Array) -> None:
+    def __init__(
+        self, law: str, arm: "Arm", values: dict[str, Any], q: Array, sensor: str = ""
+    ) -> None:
         about = arm.about
         frames = {"base_frame": about.base_frame, "tip_frame": about.tip_frame}
         self._info = schemes()[law]
@@ -50,7 +53,8 @@ class Product:
         self._robot = parameters.robot(about.urdf)
         self._scheme = parameters.make_scheme(self._robot, parameters.limits(self._robot))
         self.controller = Controller(self._scheme, ControllerOptions.of(parameters), q)
-        self._sensor = Placement(turn(np.array([0.1, -0.2, 0.7])), np.array([0.0, 0.01, -0.04]))
+        anywhere = Placement(turn(np.array([0.1, -0.2, 0.7])), np.array([0.0, 0.01, -0.04]))
+        self._sensor = self._robot.placement(sensor) if sensor else anywhere
         self._now: float | None = None
         self.is_refused = False  # the last state
 
@@ -92,6 +96,8 @@ class Product:
                 times, frames = given
                 motion = Trajectory(times, [DesiredFrame(*frame) for frame in frames])
                 orders.follow(motion, None, self._now)
+            elif name == "stream":
+                orders.follow(SetPoint(DesiredFrame(*given), 0.1), None, self._now)
             elif name == "aim":
                 orders.aim(DesiredFrame(*given), self._now)
             elif name == "jog":

@@ -119,4 +119,5 @@ class Orders:
             self._supervisor.begin(self._acting.q, acts=acts)
             if not acts:
                 self._guidance.scheme.start_from(None)
+                self._supervisor.left = None  # the silence is over: what is sent now is followed
         self._supervisor.change(ModeEvent.RESUME)

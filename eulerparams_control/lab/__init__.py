@@ -1,1 +1,1 @@
-"""Tests of the package itself: experiments, maps, faults, campaigns; no robot needs them."""
+"""Tests of the package itself: experiments, maps, faults; no robot needs them."""

@@ -4,7 +4,6 @@ It is wiring: messages are converted, given to the :class:`Controller`, and its 
 published under the stamp of the joint_states that it answers.
 """
 
-import importlib
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -25,7 +24,6 @@ from eulerparams_control.laws.scheme import Tick
 from eulerparams_control.messages.from_ros import shown
 from eulerparams_control.messages.keys import Lifecycle
 from eulerparams_control.messages.markers import Stiffness
-from eulerparams_control.parameters.schemes import SchemeInfo
 from eulerparams_control.ros.control_report import ControlReport
 from eulerparams_control.ros.diagnostics import ERROR
 from eulerparams_control.ros.managed_node import ManagedNode
@@ -407,10 +405,3 @@ class ControlNode(ManagedNode):
             why, mode = unheard(self, self._states), Lifecycle.INACTIVE
         if why.fault:
             self._tell(ERROR, why.fault, mode, why.cause, why.remedy)
-
-
-def node_class(scheme: SchemeInfo) -> type[ControlNode]:
-    """Return the class of the node of a scheme."""
-    found = vars(importlib.import_module(scheme.node)).values()
-    nodes = (item for item in found if isinstance(item, type) and issubclass(item, ControlNode))
-    return next(node for node in nodes if node.parameters_type is scheme.parameters)

@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from eulerparams_control.analysis.checks import beyond_limits, speed_of_limit
 from eulerparams_control.analysis.quantities.base import metric
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.topics import joint_rows, stamps_of
@@ -27,6 +27,7 @@ FIELDS: Mapping[str, tuple[str, ...]] = {
 }
 """The numbers of each topic."""
 
+_ROUNDING = 1e-9  # tolerance of a value that was cut to a limit: of it, or of 1 if that is more
 _TIMEOUT = 0.1  # [s] default of state_timeout: no tick of a controller lasts longer
 
 
@@ -94,8 +95,20 @@ def commands_beyond_limits(recording: Recording) -> float:
     """Commands with a position, a speed or an effort beyond a limit of the URDF."""
     _, found = _command(recording)
     limits = recording.robot.limits
-    beyond = [beyond_limits(*field, limits)[0].any(axis=1) for field in found.values.items()]
+    bounds = {
+        "position": (limits.lower, limits.upper),
+        "velocity": (-limits.velocity, limits.velocity),
+        "effort": (-limits.effort, limits.effort),
+    }
+    beyond = [_is_beyond(values, *bounds[name]) for name, values in found.values.items()]
     return float(np.any(beyond, axis=0).sum())
+
+
+def _is_beyond(values: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+    """Return which rows (N, n) have a number beyond its limits (n,); NaN is not beyond."""
+    slack = _ROUNDING * np.maximum(1.0, np.minimum(np.abs(high), 1e6))
+    found: NDArray[np.bool_] = ((values < low - slack) | (values > high + slack)).any(axis=1)
+    return found
 
 
 @metric("", raw=True)
@@ -135,7 +148,7 @@ def peak_measured_speed_of_limit(recording: Recording) -> float:
     Of all states, also after the clock of the robot has jumped.
     """
     dq = wire(recording, "joint_states").values["velocity"]
-    return float(np.nanmax(speed_of_limit(dq, recording.robot.limits), initial=0.0))
+    return float(np.nanmax(np.abs(dq) / recording.robot.limits.velocity, initial=0.0))
 
 
 @metric("mm", raw=True)

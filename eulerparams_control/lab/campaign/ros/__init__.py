@@ -1,1 +1,0 @@
-"""Runs of the sequences of a campaign over DDS in lock-step."""
