@@ -16,7 +16,7 @@ export ROS_PYTHON_CHECK_FIELDS ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 unexport PYTHONDONTWRITEBYTECODE  # or each process of a run or a test compiles all again
 
-.PHONY: setup compiled demo live test test-long test-floor floor-tests bench paper compare yardstick yardstick-paper map faults soak two-hosts docs picture lint clean
+.PHONY: setup compiled demo live test test-long test-floor floor-tests bench paper compare yardstick yardstick-paper faults soak two-hosts docs picture lint clean
 
 setup: $(READY)
 
@@ -77,9 +77,6 @@ yardstick: compiled
 # The same of the experiments, after make paper and make compare.
 yardstick-paper: $(READY)
 	@$(PYTHON) test/yardstick_paper.py $(ARGS) $(OUT)/paper $(OUT)/compare
-
-map: $(READY)
-	@$(VENV)/bin/failure_map --out $(OUT)/map $(ARGS)
 
 faults: $(READY)
 	@$(VENV)/bin/fault_campaign --out $(OUT)/faults $(if $(JOBS),--jobs $(JOBS)) $(ARGS)

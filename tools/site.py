@@ -63,7 +63,7 @@ PARAMETERS |= {
 }
 
 
-TOOLS = "analyze", "experiment", "failure_map", "fault_campaign", "live"
+TOOLS = "analyze", "experiment", "fault_campaign", "live"
 
 
 def table(head: str, rows: Iterator[tuple[str, ...]]) -> str:

@@ -4,13 +4,13 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 
 from rich.console import Console
+from rich.progress import Progress
 from rich.table import Table
 
-from eulerparams_control.command_line import say, whole_number
+from eulerparams_control.command_line import make_console, say, whole_number
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.campaign.oracles import Oracle
 from eulerparams_control.lab.campaign.plan import (
@@ -27,7 +27,6 @@ from eulerparams_control.lab.campaign.report import (
     write_summary,
 )
 from eulerparams_control.lab.campaign.schedule import plans, run_all
-from eulerparams_control.lab.run.jobs import carry_out, progress
 
 _EVERY = 25  # sequences for a line, where there is no terminal
 
@@ -51,9 +50,9 @@ def main(args: list[str] | None = None) -> int:
 
     Returns:
         the exit code: 0 if nothing was found, 1 if something was, 2 if a sequence could not be
-        run or after an error, 130 after an interrupt.
+        run.
     """
-    return carry_out(partial(_main, _parse(args)), "nothing was written")
+    return _main(_parse(args), make_console())
 
 
 def _main(options: argparse.Namespace, console: Console) -> int:
@@ -107,7 +106,7 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
 def _run(todo: Sequence[SequencePlan], jobs: int, console: Console) -> list[SequenceOutcome]:
     """Run the sequences; show the progress, and each sequence that failed."""
     outcomes: list[SequenceOutcome] = []
-    with progress(console, "sequences") as bars:
+    with Progress(console=console, disable=not console.is_terminal, transient=True) as bars:
         task = bars.add_task("no violation", total=len(todo))
         for outcome in run_all(todo, jobs):
             outcomes.append(outcome)

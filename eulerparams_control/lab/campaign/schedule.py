@@ -5,13 +5,13 @@ import itertools
 import os
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import BrokenExecutor
+from concurrent.futures import BrokenExecutor, as_completed
 
 from eulerparams_control.errors import text_of
 from eulerparams_control.lab.campaign.plan import CONTROLLERS, FAULTY, SequencePlan, make_plan
 from eulerparams_control.lab.campaign.report import SequenceOutcome, look
 from eulerparams_control.lab.run.domains import Domain
-from eulerparams_control.lab.run.jobs import Processes, results
+from eulerparams_control.lab.run.jobs import processes
 
 _LIFE = 30  # sequences of a worker, on average: what they leave behind goes with it
 
@@ -46,12 +46,13 @@ def run(plan: SequencePlan) -> SequenceOutcome:
 def run_all(todo: Sequence[SequencePlan], jobs: int) -> Iterator[SequenceOutcome]:
     """Yield the outcome of each sequence, as they end."""
     for few in itertools.batched(todo, jobs * _LIFE):
-        with Processes(min(jobs, len(few))) as pool:
-            for plan, future in results(pool, run, few):
+        with processes(min(jobs, len(few))) as pool:
+            plan_of = {pool.submit(run, plan): plan for plan in few}
+            for future in as_completed(plan_of):
+                plan = plan_of[future]
                 try:
                     yield future.result()
                 except BrokenExecutor:
-                    died = "its worker died, also when it was run by itself"
-                    yield SequenceOutcome(plan, error=died)
+                    yield SequenceOutcome(plan, error="a worker died")
                 except Exception as error:  # say, an outcome that cannot be pickled
                     yield SequenceOutcome(plan, error=text_of(error))
