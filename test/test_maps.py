@@ -8,6 +8,7 @@ from importlib import import_module
 import numpy as np
 import pytest
 from distributed import LocalCluster
+from matplotlib.colors import LogNorm
 
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.experiments import library
@@ -46,6 +47,12 @@ def test_all_columns_meet_the_same_random_numbers():
     astray = twice.sweep(map_set_points.simulate)["astray"]
     assert np.array_equal(astray[:, 0], astray[:, 1])
     assert len(set(astray[0, 0].ravel())) == 60
+
+
+def test_each_column_has_its_label():
+    below, scale = ["here"] * 5, ("viridis", "off [deg]", (0.1, 1.0))
+    figure = SMALL.spheres({"all": (np.ones((5, 30)), below)}, LogNorm(0.1, 1.0), *scale)
+    assert [axes.get_title() for axes in figure.axes[:5]] == [c.label for c in SMALL.columns]
 
 
 @pytest.mark.slow

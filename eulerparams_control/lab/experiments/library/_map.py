@@ -142,7 +142,8 @@ class Map:
                 mesh = self._paint(axes, value, norm, colours)
                 _mark_poles(axes, column)
                 axes.set_xlabel(text, fontsize=7, labelpad=6)
-                axes.set_title(column.label if row is grid[0] else "", fontsize=8, pad=9)
+        for axes, column in zip(grid[0], self.columns, strict=True):
+            axes.set_title(column.label, fontsize=8, pad=9)
         height = figure.get_figheight()
         figure.subplots_adjust(0.05, 0.7 / height, 0.995, 1 - 0.3 / height, 0.05, 0.28)
         strip = figure.add_axes((0.3, 0.4 / height, 0.4, 0.09 / height))
