@@ -8,7 +8,7 @@ RUN apt-get update \
  && rosdep update --rosdistro "$ROS_DISTRO" \
  && rosdep install --from-paths src --ignore-src -y --skip-keys "mcap-ros2-support python3-pybullet-pip" \
  && pip install --no-cache-dir --break-system-packages mcap-ros2-support example-robot-data ruckig pybullet-arm64 \
-      plotly "pyarrow<26" meshcat "dask[distributed]" viser \
+      plotly "pyarrow<26" meshcat viser \
  && rm -rf /var/lib/apt/lists/*
 RUN . "/opt/ros/$ROS_DISTRO/setup.sh" \
  && colcon build --packages-select eulerparams_control \

@@ -16,7 +16,7 @@ export ROS_PYTHON_CHECK_FIELDS ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 unexport PYTHONDONTWRITEBYTECODE  # or each process of a run or a test compiles all again
 
-.PHONY: setup compiled demo live test test-long test-floor floor-tests bench paper compare yardstick yardstick-paper map soak two-hosts docs picture lint clean
+.PHONY: setup compiled demo live test test-long test-floor floor-tests bench paper compare yardstick yardstick-paper soak two-hosts docs picture lint clean
 
 setup: $(READY)
 
@@ -78,8 +78,6 @@ yardstick: compiled
 yardstick-paper: $(READY)
 	@$(PYTHON) test/yardstick_paper.py $(ARGS) $(OUT)/paper $(OUT)/compare
 
-map: $(READY)
-	@$(VENV)/bin/failure_map --out $(OUT)/map $(ARGS)
 
 soak: $(READY)
 	@rm -rf $(OUT)/soak

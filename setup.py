@@ -17,7 +17,6 @@ EXECUTABLES = [
     "compliance_control",
     "dynamic_control",
     "experiment",
-    "failure_map",
     "fault_injector",
     "identify_tool",
     "impedance_control",
@@ -36,7 +35,6 @@ ANALYSIS = [
     "jinja2>=3.1",
     "pycollada",
 ]
-LAB = ["dask[distributed]"]
 LIVE = ["viser>=1.1"]
 SCRIPT = """#!/bin/sh
 # pip puts the entry points into bin, where `ros2 run` does not look; it finds this file.
@@ -73,7 +71,6 @@ setup(
         (f"{SHARE}/launch", glob("launch/*.launch.py")),
         (f"{SHARE}/config", glob("config/*.yaml")),
         (f"{SHARE}/config/experiments", glob("config/experiments/*.yaml")),
-        (f"{SHARE}/config/maps", glob("config/maps/*.yaml")),
         (f"{SHARE}/config/paper", glob("config/paper/*.yaml")),
         (f"{SHARE}/config/robots", glob("config/robots/*.yaml")),
         (f"{SHARE}/config/robots/real", glob("config/robots/real/*.yaml")),
@@ -103,10 +100,11 @@ setup(
     ],
     extras_require={
         "analysis": ANALYSIS,
-        "lab": ANALYSIS + LAB,
         "live": [*LIVE, "pycollada"],
-        "all": ANALYSIS + LAB + LIVE,
+        "cluster": ["distributed"],  # experiment --scheduler
+        "all": ANALYSIS + LIVE,
         "test": [
+            "distributed",
             "pytest",
             "pytest-xdist",
             "hypothesis",

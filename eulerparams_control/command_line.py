@@ -25,15 +25,16 @@ PROGRAMS = {
     "bag_recorder": "eulerparams_control.bags.recorder",
     "analyze": "eulerparams_control.analysis.main",
     "experiment": "eulerparams_control.lab.experiments.main",
-    "failure_map": "eulerparams_control.lab.maps.main",
     "compile_laws": "eulerparams_control.control.compile_laws",
     "live": "eulerparams_control.live.main",
 }
 """The modules of the executables that are not named after their file."""
 
 _ANALYSIS = ("plotly", "matplotlib", "pyarrow", "meshcat", "rich", "jinja2", "pycollada")
-EXTRAS = {"analysis": _ANALYSIS, "lab": (*_ANALYSIS, "dask"), "live": ("viser", "pycollada")}
-"""Packages that the programs in the rooms of these names need, as extras of pip."""
+EXTRAS = {"analysis": _ANALYSIS, "live": ("viser", "pycollada")}
+"""Packages that programs need, as extras of pip."""
+
+_EXTRA_OF_ROOM = {"analysis": "analysis", "lab": "analysis", "live": "live"}
 
 _SIMULATOR = ("pybullet", "pybullet_data")
 _MODULES = {"pycollada": "collada"}  # of packages whose modules have another name
@@ -54,8 +55,8 @@ def executables() -> dict[str, str]:
 
 def extra_of(name: str) -> str:
     """Return the extra that an executable needs; "" if none."""
-    room = PROGRAMS.get(name, "").split(".")[1:2]
-    return room[0] if room and room[0] in EXTRAS else ""
+    _package, _, path = PROGRAMS.get(name, "").partition(".")
+    return _EXTRA_OF_ROOM.get(path.partition(".")[0], "")
 
 
 def __getattr__(name: str) -> Any:

@@ -26,7 +26,7 @@ ROOT = Path(__file__).resolve().parents[1]
 EXECUTABLES = {
     *("clik", "compliance_control", "dynamic_control", "impedance_control", "reference"),
     *("pybullet_bridge", "identify_tool", "fault_injector"),
-    *("analyze", "bag_recorder", "compile_laws", "experiment", "failure_map", "live", "teleop"),
+    *("analyze", "bag_recorder", "compile_laws", "experiment", "live", "teleop"),
     "watchdog",
 }
 PARTS = (

@@ -29,7 +29,6 @@ from eulerparams_control.bags.ros.recorder_node import RecorderParameters
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.faults.fault_injector_node import InjectorParameters
-from eulerparams_control.lab.maps.definition import load_map
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.motion.way_points import FORMATS, parse_way_points
 from eulerparams_control.parameters.fields import fields_of, from_mapping, parameter
@@ -415,12 +414,11 @@ def replaced(content: Any, path: tuple[Any, ...], value: Any) -> Any:
     return copy
 
 
-@pytest.mark.parametrize(("folder", "load"), [("experiments", load_experiment), ("maps", load_map)])
 @forty
 @given(data=st.data())
-def test_a_damaged_file_of_an_experiment_or_a_map_is_taken_or_refused(data, folder, load, tmp_path):
-    name = data.draw(st.sampled_from(config_names(folder)))
-    content = yaml.safe_load((config_folder() / folder / f"{name}.yaml").read_text())
+def test_a_damaged_file_of_an_experiment_is_taken_or_refused(data, tmp_path):
+    name = data.draw(st.sampled_from(config_names("experiments")))
+    content = yaml.safe_load((config_folder() / "experiments" / f"{name}.yaml").read_text())
     path = data.draw(st.sampled_from(list(leaves(content))))
     value = data.draw(st.none() | VALUES | st.dictionaries(WORDS, SCALARS, max_size=2))
     file = tmp_path / f"{name}.yaml"
@@ -428,7 +426,7 @@ def test_a_damaged_file_of_an_experiment_or_a_map_is_taken_or_refused(data, fold
     file.write_text(damaged, encoding="utf-8")
     refusal = str(file)
     try:
-        load(str(file))
+        load_experiment(str(file))
     except ConfigurationError as error:
         refusal = str(error)
     assert str(file) in refusal

@@ -17,8 +17,7 @@ from PIL import Image
 from eulerparams_control import analysis
 from eulerparams_control.analysis.quantities.springs import work_of_contact
 from eulerparams_control.analysis.static import STYLE
-from eulerparams_control.lab.experiments.library.set_points import TWO, VARIANTS, shaped
-from eulerparams_control.lab.maps.set_points_map import between
+from eulerparams_control.lab.experiments.library.set_points import TWO, between, shaped
 from eulerparams_control.laws.rotations import angle_between, log
 
 RED, GREEN, GREY = "#b03021", "#1a6b43", "#4d5560"
@@ -48,7 +47,7 @@ def energy(runs: Path) -> Figure:
 def tool_down(_runs: Path) -> Figure:
     """Draw where the tool points on the way between two set-points 2 deg apart."""
     figure, all_axes = _figure(2, 3.6)
-    by_component = between(VARIANTS[0], *TWO, np.linspace(0.0, 1.0, 31)[:, None])
+    by_component = between("rotation_vector", *TWO, np.linspace(0.0, 1.0, 31)[:, None])
     aside = np.cross([0.0, 0.0, 1.0], log(TWO[1] @ TWO[0].T))
     aside /= np.linalg.norm(aside)
     for axes, Rs, colour, said in (

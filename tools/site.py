@@ -63,7 +63,7 @@ PARAMETERS |= {
 }
 
 
-TOOLS = "analyze", "experiment", "failure_map", "live"
+TOOLS = "analyze", "experiment", "live"
 
 
 def table(head: str, rows: Iterator[tuple[str, ...]]) -> str:

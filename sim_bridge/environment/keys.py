@@ -32,7 +32,7 @@ def key(unit: str = "", *, default: Any = dataclasses.MISSING, **rule: Any) -> A
         default: its value when it is not given; without one it must be.
         **rule: ``least`` and ``most`` allowed; ``above`` which numbers must be; ``endless``:
             infinity is allowed; ``whole``: no other number is; ``size``: of a list; ``one``: or
-            one number for all of it; ``several``: a list of any size; ``is_unit``: of norm 1;
+            one number for all of it; ``is_unit``: of norm 1;
             ``choices``: the words; ``is_word``: any word is; ``text``: what it is, for messages;
             ``key``: its name in YAML, where that is another.
     """
@@ -43,8 +43,8 @@ def key(unit: str = "", *, default: Any = dataclasses.MISSING, **rule: Any) -> A
 number, word, vector = key, key, partial(key, size=3)
 """Fields for one number, for a word, and for a list of numbers."""
 
-numbers, any_word = partial(key, several=True), partial(key, is_word=True)
-"""Fields for as many numbers as are written, and for any word."""
+any_word = partial(key, is_word=True)
+"""A field for any word."""
 
 quaternion = partial(key, **_UNIT)
 """A field for a rotation, the unit quaternion x, y, z, w."""
@@ -67,7 +67,7 @@ def checked(name: str, value: Any, meta: Mapping[str, Any]) -> Any:
             raise ConfigurationError(f"{name} is {value!r}; expected a name")
         return value
     numbers = _numbers(value)
-    size = len(numbers) if meta.get("several") else meta.get("size")
+    size = meta.get("size")
     fits = len(numbers) == (1 if size is None else size) or (meta.get("one") and len(numbers) == 1)
     if not (fits and all(_is_allowed(entry, meta) for entry in numbers)):
         raise ConfigurationError(f"{name} is {_shown(value)}; expected {_expected(meta)}")
@@ -157,7 +157,7 @@ def _is_allowed(value: float, meta: Mapping[str, Any]) -> bool:
 
 def _expected(meta: Mapping[str, Any]) -> str:
     """Return what a field wants, in words."""
-    size, one = "some" if meta.get("several") else meta.get("size"), meta.get("one")
+    size, one = meta.get("size"), meta.get("one")
     count = "a finite number" if size is None else f"{size} finite numbers"
     count = f"one finite number or {size}" if one else count
     count = "a whole number" if meta.get("whole") else count

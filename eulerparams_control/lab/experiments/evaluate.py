@@ -10,6 +10,7 @@ import re
 import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -27,11 +28,11 @@ from eulerparams_control.analysis.loading import BLOCK, blocks, load
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.quantities import get_metric, measure, quotient
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.static import chart_figure, quantity_figure, svg
+from eulerparams_control.analysis.static import chart_figure, image, quantity_figure, svg, write
 from eulerparams_control.analysis.verdict import Verdict, all_met, verdict_from_json
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from eulerparams_control.lab.experiments.library import Number, Result, run_library
+from eulerparams_control.lab.experiments.library import Number, Result, is_map, run_library
 from eulerparams_control.lab.experiments.model import Criterion, Experiment, equation
 from eulerparams_control.lab.run.fingerprint import code, digest
 from eulerparams_control.lab.run.run_cache import Run
@@ -271,25 +272,30 @@ class Seen:
         return measure(metric, self.recordings[variant], **options)
 
 
-def look(experiment: Experiment, folder: Path, runs: Mapping[str, Run]) -> Outcome:
+def look(
+    experiment: Experiment, folder: Path, runs: Mapping[str, Run], cells: Executor | None = None
+) -> Outcome:
     """Return the outcome of an experiment; write it unless it was written before.
 
     Args:
         experiment: the experiment.
         folder: for the summary, the page and the figure.
         runs: by variant, those that ran.
+        cells: where the cells of a map are simulated.
     """
     stamp = _stamp(experiment, runs)
     known = read_outcome(experiment, folder, stamp)
     if known is not None:
         return known
     started = time.monotonic()
-    seen = _see(experiment, runs)
+    seen = _see(experiment, runs, cells)
     verdicts = judge(experiment, seen.recordings, seen.result.numbers)
     sentence = _sentence(seen)
     folder.mkdir(parents=True, exist_ok=True)
     figure = _figure(seen)
     (folder / FIGURE).write_text(figure, encoding="utf-8")
+    if isinstance(seen.result.picture, Figure):  # of a map: for documents, too
+        write(folder / "figure.png", image(seen.result.picture, "png"))
     if runs:
         digests, predictions = list(seen.digests.values()), experiment.predicted(list(runs))
         claim, first = experiment.claim, experiment.picture
@@ -304,6 +310,7 @@ def look(experiment: Experiment, folder: Path, runs: Mapping[str, Run]) -> Outco
             verdicts=verdicts,
             sentence=sentence,
             figure=figure,
+            is_map=is_map(experiment.library),
         )
     seconds = sum(run.seconds for run in runs.values()) + time.monotonic() - started
     more = {"sentence": sentence, "seconds": round(seconds, 1), "stamp": stamp}
@@ -319,12 +326,12 @@ def _stamp(experiment: Experiment, runs: Mapping[str, Run]) -> str:
     return digest([repr(experiment), list(map(equation, experiment.equations)), bags, code()])
 
 
-def _see(experiment: Experiment, runs: Mapping[str, Run]) -> Seen:
+def _see(experiment: Experiment, runs: Mapping[str, Run], cells: Executor | None) -> Seen:
     seen = _part_by_part if _is_of_bags(experiment) else _whole
     both = {name: seen(run) for name, run in runs.items()}
     recordings = {name: recording for name, (recording, _) in both.items()}
     digests = {name: digest for name, (_, digest) in both.items()}
-    result = run_library(experiment.library) if experiment.library else Result()
+    result = run_library(experiment.library, cells) if experiment.library else Result()
     return Seen(experiment, recordings, digests, result)
 
 
@@ -374,8 +381,10 @@ def _figure(seen: Seen) -> str:
     experiment = seen.experiment
     if experiment.chart is not None:
         return chart_svg(experiment.chart.filled(seen.measured))
-    if seen.result.chart is not None:
-        return chart_svg(seen.result.chart)
+    if isinstance(seen.result.picture, Chart):
+        return chart_svg(seen.result.picture)
+    if seen.result.picture is not None:
+        return svg(seen.result.picture)
     digests, drawn = list(seen.digests.values()), picture(experiment.picture)
     predictions = experiment.predicted(list(seen.digests))
     try:

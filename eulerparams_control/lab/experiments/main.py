@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -11,8 +12,9 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
-from eulerparams_control.command_line import say, whole_number
-from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.command_line import make_console, say, whole_number
+from eulerparams_control.errors import ConfigurationError, EulerParamsError
+from eulerparams_control.events import ExitCode
 from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.experiments.evaluate import Outcome
 from eulerparams_control.lab.experiments.model import Experiment, Task
@@ -27,7 +29,6 @@ from eulerparams_control.lab.experiments.paper import (
 )
 from eulerparams_control.lab.experiments.runner import check_names
 from eulerparams_control.lab.experiments.schedule import Display, Schedule
-from eulerparams_control.lab.run.jobs import carry_out
 from eulerparams_control.lab.run.run_cache import locked
 from eulerparams_control.resources import config_names
 
@@ -45,26 +46,36 @@ def main(args: list[str] | None = None) -> int:
 
 
 def run_experiments(run: Callable[[Console], Sequence[Outcome]]) -> int:
-    """Return the exit code for the outcomes of experiments; print why one could not run."""
-
-    def judged(console: Console) -> int:
+    """Return the exit code for the outcomes of experiments, or after a signal, that of Ctrl-C."""
+    console = make_console()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
         outcomes = run(console)
-        if any(outcome.error for outcome in outcomes):
-            return 2
-        return 1 if any(outcome.missed for outcome in outcomes) else 0
-
-    return carry_out(judged, "the nodes were ended; the same command goes on from here")
+    except EulerParamsError as error:
+        say(console, f"error: {error}", "red")
+        return 2
+    except KeyboardInterrupt:
+        say(console, "stopped; the nodes were ended; the same command goes on from here", "red")
+        return ExitCode.INTERRUPTED
+    if any(outcome.error for outcome in outcomes):
+        return 2
+    return 1 if any(outcome.missed for outcome in outcomes) else 0
 
 
 def run_tasks(
-    tasks: Sequence[Task], jobs: int, console: Console, details: bool = True, again: bool = False
+    tasks: Sequence[Task],
+    jobs: int,
+    console: Console,
+    details: bool = True,
+    again: bool = False,
+    scheduler: str = "",
 ) -> list[Outcome]:
     """Return the outcomes of tasks, ``jobs`` runs at a time; their folders are locked."""
     with ExitStack() as locks:
         for task in tasks:
             locks.enter_context(locked(task.folder))
         with Display(console, tasks, details) as display:
-            return Schedule(tasks, jobs, display, again).run()
+            return Schedule(tasks, jobs, display, again, scheduler).run()
 
 
 def _parse(args: list[str] | None) -> argparse.Namespace:
@@ -91,6 +102,9 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
     )
     cores = len(os.sched_getaffinity(0))  # nodes in lock-step take one core together
     parser.add_argument("--jobs", type=whole_number(1), default=cores, help="runs at the same time")
+    parser.add_argument(
+        "--scheduler", default="", help="of Dask, tcp://HOST:8786, for the cells of maps"
+    )
     parser.add_argument("--again", action="store_true", help="run again what was run before")
     return parser.parse_args(args)
 
@@ -108,7 +122,9 @@ def _run(options: argparse.Namespace, console: Console) -> list[Outcome]:
     out = options.out
     one_page = options.paper or options.compare
     tasks = [Task(e, out / e.name, check_names(options.variant, e)) for e in experiments]
-    outcomes = run_tasks(tasks, options.jobs, console, not one_page, options.again)
+    outcomes = run_tasks(
+        tasks, options.jobs, console, not one_page, options.again, options.scheduler
+    )
     if one_page:
         _write_paper(out, outcomes, console, options.compare)
     return outcomes

@@ -30,6 +30,9 @@ COMPARISON = (
 )
 """The experiments that compare laws: which one is in your controller?"""
 
+MAPS = ("map_failure", "map_set_points", "map_stiffness")
+"""The experiments over all directions of the tool axis."""
+
 _OTHERS = 92  # characters of the columns beside the claim
 
 
@@ -41,7 +44,9 @@ def number_of(experiment: Experiment) -> str:
 
 def paper_experiments() -> list[Experiment]:
     """Return the experiments of the paper's claims in their order, then those beyond it."""
-    names = [name for name in config_names("experiments") if name not in (_DEMO, *COMPARISON)]
+    names = [
+        name for name in config_names("experiments") if name not in (_DEMO, *COMPARISON, *MAPS)
+    ]
     experiments = [e for e in map(load_experiment, names) if not _is_in_real_time(e)]
     return sorted(experiments, key=lambda e: (not number_of(e), int(number_of(e)[1:] or 0)))
 

@@ -1,19 +1,27 @@
 """Run experiments: their variants side by side as the machine has cores, judged as they end.
 
 Runs are processes of nodes, which threads watch.  Looking at bags takes a core for itself, so one
-more process does that, while the next runs go on.  What was run before with the same definition
+more process does that, while the next runs go on.  The cells of a map are for processes of
+their own, or for the workers of a Dask scheduler.  What was run before with the same definition
 and the same code is not run again.  A run whose recorder starved is run once more, by itself.
 """
 
 import threading
 from collections.abc import Sequence
-from concurrent.futures import Future, wait
+from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed, wait
 from contextlib import ExitStack
 from functools import partial
 from typing import Self
 
 from rich.console import Console
-from rich.progress import TaskID
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+)
 from rich.table import Table
 from rich.text import Text
 
@@ -21,9 +29,10 @@ from eulerparams_control.analysis.verdict import Verdict, groups, shown
 from eulerparams_control.command_line import say
 from eulerparams_control.errors import text_of
 from eulerparams_control.lab.experiments.evaluate import REPORT, Outcome, look, why_nothing
+from eulerparams_control.lab.experiments.library import is_map
 from eulerparams_control.lab.experiments.model import Task
 from eulerparams_control.lab.experiments.runner import IncompleteBagError, known_run, run_variant
-from eulerparams_control.lab.run.jobs import Processes, Threads, progress, results
+from eulerparams_control.lab.run.jobs import cluster, processes
 from eulerparams_control.lab.run.run_cache import Run
 
 
@@ -45,7 +54,16 @@ class Display:
         runs = [task.experiment.variants[name] for task in tasks for name in task.variants]
         self._count, self._done = len(runs), 0
         self._tasks, self._finished = len(tasks), 0
-        self._progress = progress(console, "s simulated")
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("s simulated"),
+            TimeElapsedColumn(),
+            console=console,
+            disable=not console.is_terminal,
+            transient=True,
+        )
         self._all = self._progress.add_task(
             self._overall(), total=sum(run.duration for run in runs)
         )
@@ -173,12 +191,19 @@ class Schedule:
         jobs: how many variants run at the same time.
         display: is told of it.
         again: whether to run also what was run before.
+        scheduler: address of a Dask scheduler, for the cells of maps; "": processes of our own.
     """
 
     def __init__(
-        self, tasks: Sequence[Task], jobs: int, display: Display, again: bool = False
+        self,
+        tasks: Sequence[Task],
+        jobs: int,
+        display: Display,
+        again: bool = False,
+        scheduler: str = "",
     ) -> None:
         self._tasks, self._jobs, self._display, self._again = tasks, jobs, display, again
+        self._scheduler = scheduler
         self._stop = threading.Event()
         self._looks: dict[str, Future[Outcome]] = {}
         self._whys: dict[tuple[str, str], str] = {}  # runs are made again
@@ -187,29 +212,47 @@ class Schedule:
         """Return the outcomes of the experiments, in their order."""
         pairs = [(task, variant) for task in self._tasks for variant in task.variants]
         with ExitStack() as stack:
-            lookers, looker = stack.enter_context(Threads(1)), stack.enter_context(Processes(1))
-            threads = stack.enter_context(Threads(self._jobs))
+            # Ended from the last one up; a signal interrupts no thread but this one.
+            lookers = ThreadPoolExecutor(1)
+            stack.callback(lookers.shutdown, cancel_futures=True)
+            looker = stack.enter_context(processes(1))
+            workers = cluster(self._scheduler) if self._scheduler else processes(self._jobs)
+            cells = stack.enter_context(workers)
+            threads = ThreadPoolExecutor(self._jobs)
+            stack.callback(threads.shutdown, cancel_futures=True)
             stack.callback(self._stop.set)  # ends all runs with their nodes
 
             def end(task: Task) -> None:
-                looking = lookers.submit(self._look, looker, task)
+                looking = lookers.submit(self._look, looker, cells, task)
                 self._looks[task.experiment.name] = looking
 
             for task in self._tasks:
                 if not task.variants:
                     end(task)
-            runs = results(threads, self._run, pairs, IncompleteBagError, self._incomplete)
-            for (task, variant), future in runs:
-                task.runs[variant] = None
-                try:
-                    task.runs[variant] = future.result()
-                except IncompleteBagError as error:
-                    task.error = task.error or f"{variant}: {error}, run by itself, too"
-                except Exception as error:  # of any kind: the others go on
-                    task.error = task.error or f"{variant}: {text_of(error)}"
-                if len(task.runs) == len(task.variants):
+            starved = []
+            running = {threads.submit(self._run, pair): pair for pair in pairs}
+            for future in as_completed(running):
+                (task, variant), error = running[future], future.exception()
+                if isinstance(error, IncompleteBagError):
+                    self._display.repeated(task.experiment.name, variant, str(error))
+                    starved.append((task, variant))
+                elif self._keep(task, variant, future):
+                    end(task)
+            for task, variant in starved:  # no other goes on
+                if self._keep(task, variant, threads.submit(self._run, (task, variant))):
                     end(task)
             return [self._looks[task.experiment.name].result() for task in self._tasks]
+
+    def _keep(self, task: Task, variant: str, future: Future[Run | None]) -> bool:
+        """Wait for a run, keep what came of it, return whether it was the last of its task."""
+        task.runs[variant] = None
+        try:
+            task.runs[variant] = future.result()
+        except IncompleteBagError as error:
+            task.error = task.error or f"{variant}: {error}, run by itself, too"
+        except Exception as error:  # of any kind: the others go on
+            task.error = task.error or f"{variant}: {text_of(error)}"
+        return len(task.runs) == len(task.variants)
 
     def _run(self, pair: _Pair) -> Run | None:
         """Run a variant, unless it was run before; return None if its experiment has failed."""
@@ -231,17 +274,16 @@ class Schedule:
         self._display.ended(*key, f"{run.seconds:.1f} s{again}", duration)
         return run
 
-    def _incomplete(self, pair: _Pair, why: Exception) -> None:
-        """Report that a run whose recorder starved is repeated, when no other goes on."""
-        self._display.repeated(pair[0].experiment.name, pair[1], str(why))
-
-    def _look(self, looker: Processes, task: Task) -> Outcome:
+    def _look(self, looker: Executor, cells: Executor, task: Task) -> Outcome:
         """Return the outcome of an experiment, after all its runs."""
         outcome = Outcome(task.experiment, task.folder, error=task.error)
         try:
             if not (task.error or self._stop.is_set()):
                 runs = {name: run for name in task.variants if (run := task.runs[name])}
-                outcome = looker.submit(look, task.experiment, task.folder, runs).result()
+                if is_map(task.experiment.library):
+                    outcome = look(task.experiment, task.folder, runs, cells)
+                else:
+                    outcome = looker.submit(look, task.experiment, task.folder, runs).result()
         except Exception as error:  # of any kind: the others go on
             outcome = Outcome(task.experiment, task.folder, error=text_of(error))
         if not self._stop.is_set():

@@ -29,23 +29,19 @@ def code_of_runs(faulty: bool = False) -> str:
     Args:
         faulty: whether they are runs with faults, in which one more node acts.
     """
-    return version(code_of_nodes("lab/as_shipped", *["lab/faults"] * faulty))
+    rooms = ("lab/as_shipped", "lab/faults") if faulty else ("lab/as_shipped",)
+    beside = [_ROOT / _PACKAGES[0] / room for room in rooms]
+    return version(
+        path
+        for path in _files("*.py")
+        if not _BESIDE & {*path.relative_to(_ROOT).parts} or path.parent in beside
+    )
 
 
 @cache
 def code() -> str:
     """Return the version of all code, and of what it puts into pages."""
     return version(path for part in _PARTS for path in _files(part))
-
-
-def code_of_nodes(*rooms: str) -> list[Path]:
-    """Return the files that nodes are made of, and those of some of the rooms they do not need."""
-    beside = tuple(_ROOT / _PACKAGES[0] / room for room in rooms)
-    return [
-        path
-        for path in _files("*.py")
-        if not _BESIDE & {*path.relative_to(_ROOT).parts} or path.parent in beside
-    ]
 
 
 def _files(pattern: str) -> Iterator[Path]:

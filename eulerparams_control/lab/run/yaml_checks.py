@@ -1,4 +1,4 @@
-"""Checks shared by the readers of YAML: experiments, maps, faults."""
+"""Checks shared by the readers of YAML: experiments, faults."""
 
 import inspect
 from collections.abc import Callable, Iterable

@@ -1,24 +1,33 @@
 """Two set-points 2 deg apart, tool down, by component and by the shaper, which goes along SO(3)."""
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from eulerparams_control.analysis.charts import Chart, Line
 from eulerparams_control.lab.experiments.library import Number, Result
-from eulerparams_control.lab.maps.base import MapVariant
-from eulerparams_control.lab.maps.set_points_map import between
-from eulerparams_control.laws.rotations import Array, angle_between, exp
+from eulerparams_control.laws.orientation import EulerSequence
+from eulerparams_control.laws.rotations import (
+    Array,
+    EulerParameters,
+    angle_between,
+    exp,
+    matrix,
+    quaternion,
+    rotation_vector,
+)
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.references import Goal
 from eulerparams_control.motion.shaper import Shaper
 
-VARIANTS = (
-    MapVariant("rotation vector", "rotation_vector"),
-    MapVariant("quaternion", "euler_parameters"),
-    MapVariant("Euler angles XYZ", "euler_angles"),
-)
+LABELS = {
+    "rotation_vector": "rotation vector",
+    "euler_parameters": "quaternion",
+    "euler_angles": "Euler angles XYZ",
+}
 STEP = math.radians(2.0)
 LIMITS = MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0)
 """The defaults of the nodes."""
@@ -26,6 +35,7 @@ _RATE, _STEPS = 100, 50  # [Hz], from one set-point to the other
 _AXIS = np.array([0.6, 0.8, 0.0])  # of the half turn that makes the tool point down
 TWO = tuple(exp((math.pi + s * STEP) * _AXIS) for s in (-0.5, 0.5))
 """The set-points."""
+_SHARES = np.linspace(0.0, 1.0, 41)[:, None]
 
 
 def run() -> Result:
@@ -33,15 +43,13 @@ def run() -> Result:
     R_1, R_2 = TWO
     share = np.linspace(0.0, 1.0, _STEPS + 1)
     numbers, lines = {}, []
-    for variant in VARIANTS:
-        stream = between(variant, R_1, R_2, share[:, None])
-        away = _away(stream, R_1)
-        text = f"{variant.label}, shaper off"
-        numbers[f"{variant.orientation}_off"] = Number(max(away), text, "deg")
-        lines.append(Line(variant.label, np.column_stack((share, away)), markers=False))
+    for name, label in LABELS.items():
+        away = _away(between(name, R_1, R_2, share[:, None]), R_1)
+        numbers[f"{name}_off"] = Number(max(away), f"{label}, shaper off", "deg")
+        lines.append(Line(label, np.column_stack((share, away)), markers=False))
     ends = _away(shaped(np.array([R_1, R_2])), R_1)
     numbers["ends"] = Number(max(ends), "set-points as they are, shaper on", "deg")
-    rotation_vectors = between(VARIANTS[0], R_1, R_2, share[:, None])
+    rotation_vectors = between("rotation_vector", R_1, R_2, share[:, None])
     through_shaper = shaped(rotation_vectors)
     text = "rotation vector, shaper on"
     numbers["rotation_vector_on"] = Number(max(_away(through_shaper, R_1)), text, "deg")
@@ -67,3 +75,49 @@ def _away(Rs: Array, R_1: Array) -> list[float]:
     """Return the angle [deg] between each rotation and the first set-point."""
     angles: list[float] = np.degrees(angle_between(np.broadcast_to(R_1, Rs.shape), Rs)).tolist()
     return angles
+
+
+def astray(name: str, R_1: Array, R_2: Array, sequence: str = "XYZ") -> float:
+    """Return the largest angle [deg] of what is between R_1 and R_2 off the geodesic."""
+    geodesic = R_1 @ exp(_SHARES * rotation_vector(quaternion(R_1.T @ R_2)))
+    by_component = between(name, R_1, R_2, sequence=sequence)
+    return math.degrees(float(angle_between(geodesic, by_component).max()))
+
+
+def between(
+    name: str, R_1: Array, R_2: Array, shares: Array = _SHARES, sequence: str = "XYZ"
+) -> Array:
+    """Return rotations (N, 3, 3) from R_1 to R_2 by component, at shares (N, 1) of the way.
+
+    Components are those of R itself: theta r, 4 tan(theta/4) r, {eta, eps} with eta >= 0, or Euler
+    angles, which are not wrapped.
+    """
+    if name == "euler_angles":
+        extract = EulerSequence(sequence).extract
+        x = _way(extract(R_1), extract(R_2), shares)
+        axes = ("XYZ".index(letter) for letter in sequence)
+        i, j, k = (exp(x[:, n, None] * np.eye(3)[axis]) for n, axis in enumerate(axes))
+        R: Array = i @ j @ k
+        return R
+    Q_1, Q_2 = quaternion(R_1), quaternion(R_2)
+    if name == "rotation_vector":
+        return exp(_way(rotation_vector(Q_1), rotation_vector(Q_2), shares))
+    to, back = _OF_Q[name]
+    Q = back(_way(to(Q_1), to(Q_2), shares))
+    Q = Q / np.linalg.norm(Q, axis=1, keepdims=True)
+    eta: Any = Q[:, 0]
+    return matrix(EulerParameters(eta, Q[:, 1:]))
+
+
+def _way(x_1: Array, x_2: Array, shares: Array) -> Array:
+    return x_1 + shares * (x_2 - x_1)
+
+
+_OF_Q: dict[str, tuple[Callable[[EulerParameters], Array], Callable[[Array], Array]]] = {
+    "euler_parameters": (lambda Q: np.array([Q.eta, *Q.eps]), lambda x: x),
+    "modified_rodrigues": (
+        lambda Q: Q.eps / (1 + Q.eta),
+        lambda x: np.hstack([1 - (x * x).sum(axis=1, keepdims=True), 2 * x]),
+    ),
+}
+"""From a quaternion to components, and from these to one, its norm left open."""

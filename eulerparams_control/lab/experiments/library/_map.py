@@ -1,0 +1,206 @@
+"""Maps: a function of a cell, many cells over the direction of the tool axis, and their picture.
+
+A module ``map_NAME.py`` has ``MAP``, its cells; ``simulate``, a function of a cell alone wherever
+it runs; and ``result``, the numbers and the picture of all outcomes.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from numpy.random import Generator, default_rng
+
+from eulerparams_control.analysis.static import STYLE
+from eulerparams_control.lab.experiments.library import Number
+from eulerparams_control.laws.orientation import (
+    EulerSequence,
+    OrientationOptions,
+    OrientationRepresentation,
+    representation,
+)
+from eulerparams_control.laws.rotations import Array, cross, exp
+
+_CENTRE = math.radians(60)  # longitude in the middle: +x left of it, -x right, both inside
+
+
+@dataclass(frozen=True)
+class Column:
+    """A representation, with the label of its column in the picture, and its Euler angles."""
+
+    key: str
+    label: str
+    orientation: str
+    sequence: str = "XYZ"
+
+    @cached_property
+    def representation(self) -> OrientationRepresentation:
+        """The representation."""
+        options = OrientationOptions(sequence=EulerSequence(self.sequence))
+        return representation(self.orientation, options)
+
+
+COLUMNS = (
+    Column("xyz", "Euler angles XYZ", "euler_angles"),
+    Column("zyz", "Euler angles ZYZ", "euler_angles", "ZYZ"),
+    Column("relative", "relative XYZ", "relative_euler_angles"),
+    Column("angle_axis", "angle/axis", "angle_axis"),
+    Column("vector", "rotation vector", "rotation_vector"),
+    Column("parameters", "Euler parameters", "euler_parameters"),
+)
+"""The representations that the laws have."""
+
+type Simulate = Callable[[Column, float, Array, Generator], Mapping[str, float]]
+"""Gives the outcomes of a cell: of a representation, a task, R (3, 3) and random numbers."""
+
+
+@dataclass(frozen=True)
+class Map:
+    """The cells of a map: tasks x columns x directions x trials.
+
+    Attributes:
+        columns: the representations.
+        directions: of the tool axis, evenly over the sphere; the roll about it is random.
+        seed: of the random numbers, the same for all columns and tasks.
+        trials: at each direction.
+        tasks: numbers that ``simulate`` gets.
+    """
+
+    columns: Sequence[Column]
+    directions: int
+    seed: int
+    trials: int = 1
+    tasks: Sequence[float] = (0.0,)
+
+    @cached_property
+    def tool_axes(self) -> Array:
+        """The directions (N, 3): Fibonacci's lattice."""
+        index = np.arange(self.directions)
+        z = 1 - (2 * index + 1) / self.directions
+        r, phi = np.sqrt(1 - z**2), math.pi * (3 - math.sqrt(5)) * index
+        return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=1)
+
+    def sweep(self, simulate: Simulate, pool: Executor | None = None) -> dict[str, Array]:
+        """Return the outcomes (tasks, columns, directions, trials); without a pool from here."""
+        shape = len(self.tasks), len(self.columns), self.directions, self.trials
+        cells, cell = itertools.product(*map(range, shape)), partial(self._outcomes, simulate)
+        rows = list(pool.map(cell, cells, chunksize=50) if pool else map(cell, cells))
+        return {name: np.array([row[name] for row in rows]).reshape(shape) for name in rows[0]}
+
+    def _outcomes(self, simulate: Simulate, cell: Sequence[int]) -> Mapping[str, float]:
+        task, column, direction, trial = cell
+        random = default_rng([self.seed, direction * self.trials + trial])
+        R = _with_tool_axis(self.tool_axes[direction], random.uniform(-math.pi, math.pi))
+        return simulate(self.columns[column], self.tasks[task], R, random)
+
+    def numbers(
+        self, name: str, values: Iterable[float], text: str, unit: str = ""
+    ) -> dict[str, Number]:
+        """Return a number of each column, ``KEY_NAME``."""
+        return {
+            f"{column.key}_{name}": Number(float(value), f"{column.label}: {text}", unit)
+            for column, value in zip(self.columns, values, strict=True)
+        }
+
+    @mpl.rc_context(STYLE)
+    def spheres(
+        self,
+        rows: Mapping[str, tuple[Array, Sequence[str]]],
+        norm: Normalize,
+        colours: str,
+        label: str,
+        ticks: Sequence[float],
+        extend: str = "neither",
+    ) -> Figure:
+        """Return spheres of tool axes (Mollweide, equal areas) with one scale.
+
+        Args:
+            rows: by their name, values (columns, directions), NaN where it fails, and what is
+                written below each sphere.
+            norm, colours, label, ticks, extend: of the scale, as matplotlib has them.
+        """
+        count = len(self.columns)
+        figure = Figure(figsize=(1.45 * count + 0.6, 1.0 * len(rows) + 0.85))
+        grid = figure.subplots(
+            len(rows), count, squeeze=False, subplot_kw={"projection": "mollweide"}
+        )
+        for row, (name, (values, below)) in zip(grid, rows.items(), strict=True):
+            row[0].text(-0.06, 0.5, name, transform=row[0].transAxes, rotation=90,
+                        ha="right", va="center")  # fmt: skip
+            for axes, column, value, text in zip(row, self.columns, values, below, strict=True):
+                axes.set(xticks=[], yticks=[])
+                axes.grid(False)
+                mesh = self._paint(axes, value, norm, colours)
+                _mark_poles(axes, column)
+                axes.set_xlabel(text, fontsize=7, labelpad=6)
+        for axes, column in zip(grid[0], self.columns, strict=True):
+            axes.set_title(column.label, fontsize=8, pad=9)
+        height = figure.get_figheight()
+        figure.subplots_adjust(0.05, 0.7 / height, 0.995, 1 - 0.3 / height, 0.05, 0.28)
+        strip = figure.add_axes((0.3, 0.4 / height, 0.4, 0.09 / height))
+        bar = figure.colorbar(mesh, cax=strip, orientation="horizontal", extend=extend)
+        bar.set_ticks(ticks, labels=[f"1/{1 / x:g}" if x < 1 else f"{x:g}" for x in ticks])
+        bar.minorticks_off()
+        bar.set_label(label, fontsize=7, labelpad=1)
+        return figure
+
+    def _paint(self, axes: Axes, values: Array, norm: Normalize, colours: str) -> QuadMesh:
+        """Colour each point of the sphere like the nearest tool axis."""
+        longitude = np.linspace(-math.pi, math.pi, 241)
+        latitude = np.linspace(-math.pi / 2, math.pi / 2, 121)
+        lon, lat = np.meshgrid(
+            (longitude[1:] + longitude[:-1]) / 2 + _CENTRE, (latitude[1:] + latitude[:-1]) / 2
+        )
+        points = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], -1)
+        nearest = (points @ self.tool_axes.T).argmax(axis=-1)
+        axes.set_facecolor("#d62700")  # where it fails: no colour of viridis is like it
+        return axes.pcolormesh(
+            longitude, latitude, values[nearest], norm=norm, cmap=colours, rasterized=True
+        )
+
+
+def random_axis(random: Generator) -> Array:
+    """Return a unit vector (3,), uniform over the sphere."""
+    v = random.normal(size=3)
+    return v / math.sqrt(v @ v)
+
+
+def _with_tool_axis(z: Array, roll: float) -> Array:
+    """Return R (3, 3) with the unit tool axis z (3,) and a roll [rad] about it."""
+    x = np.eye(3)[int(np.argmin(np.abs(z)))]
+    x = x - (x @ z) * z
+    x /= math.sqrt(x @ x)
+    R: Array = np.stack([x, cross(z, x), z], axis=1) @ exp(np.array([0.0, 0.0, roll]))
+    return R
+
+
+def _mark_poles(axes: Axes, column: Column) -> None:
+    """Mark and name the tool axes at which Euler angles are singular, along x or z."""
+    if column.orientation != "euler_angles":
+        return
+    axis = "XYZ".index(column.sequence[0])
+    for sign in (1, -1):
+        longitude = 0.0 if axis == 2 else -_CENTRE if sign > 0 else math.pi - _CENTRE
+        latitude = sign * math.pi / 2 if axis == 2 else 0.0
+        for colour, width in (("white", 2.2), ("black", 0.9)):
+            axes.plot(longitude, latitude, "o", ms=7, mfc="none", mec=colour, mew=width,
+                      clip_on=False)  # fmt: skip
+        axes.annotate(
+            f"{'+' if sign > 0 else '-'}{'xyz'[axis]}",
+            (longitude, latitude),
+            (0, -10 * sign if axis == 2 else -10),
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            fontsize=7,
+            path_effects=[withStroke(linewidth=1.8, foreground="white")],
+        )

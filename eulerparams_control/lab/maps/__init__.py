@@ -1,1 +1,0 @@
-"""Where representations fail or distort: sweeps of simulations."""
