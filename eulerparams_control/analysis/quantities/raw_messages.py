@@ -81,7 +81,7 @@ def _command(recording: Recording) -> tuple[str, Wire]:
     raise BagError(f"{recording.path} has no joint_reference and no joint_effort")
 
 
-@metric("", raw=True)
+@metric("")
 def nonfinite_commands(recording: Recording) -> float:
     """Commands with a number that is not finite, or without one for each joint."""
     _, found = _command(recording)
@@ -89,7 +89,7 @@ def nonfinite_commands(recording: Recording) -> float:
     return float(np.any(bad, axis=0).sum() + found.broken)
 
 
-@metric("", raw=True)
+@metric("")
 def commands_beyond_limits(recording: Recording) -> float:
     """Commands with a position, a speed or an effort beyond a limit of the URDF."""
     _, found = _command(recording)
@@ -98,7 +98,7 @@ def commands_beyond_limits(recording: Recording) -> float:
     return float(np.any(beyond, axis=0).sum())
 
 
-@metric("", raw=True)
+@metric("")
 def command_jump_of_rate(recording: Recording, timeout: float = _TIMEOUT) -> float:
     """Largest change between two commands over what their rate limit allows.
 
@@ -128,7 +128,7 @@ def _effort_rate(recording: Recording) -> float:
     raise BagError(f"{recording.path}: no controller has told its max_effort_rate")
 
 
-@metric("", raw=True)
+@metric("")
 def peak_measured_speed_of_limit(recording: Recording) -> float:
     """Largest measured speed of a joint over its velocity limit.
 
@@ -138,14 +138,14 @@ def peak_measured_speed_of_limit(recording: Recording) -> float:
     return float(np.nanmax(speed_of_limit(dq, recording.robot.limits), initial=0.0))
 
 
-@metric("mm", raw=True)
+@metric("mm")
 def distance_to_goal(recording: Recording) -> float:
     """Distance of the tip from the end of the last reference, at the end."""
     p, _, p_d, _ = _ends(recording)
     return 1e3 * float(np.linalg.norm(p - p_d))
 
 
-@metric("deg", raw=True)
+@metric("deg")
 def angle_to_goal(recording: Recording) -> float:
     """Angle of the tip from the end of the last reference, at the end."""
     _, R, _, R_d = _ends(recording)
