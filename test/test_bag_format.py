@@ -241,6 +241,16 @@ def test_rosbags_reads_every_message_in_order(small_bag):
     assert messages == [(START + n * 1_000_000, float(n)) for n in range(101)]
 
 
+def test_a_bag_lasts_from_its_first_to_its_latest_message_in_whatever_order_they_come(tmp_path):
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_topic(STATES)
+        for received in (20, 10, 40, 30):
+            bag.write(STATES.name, b"", received, received)
+    told = Bag(tmp_path / "bag").metadata
+    assert told["starting_time"]["nanoseconds_since_epoch"] == 10
+    assert told["duration"]["nanoseconds"] == 30
+
+
 @pytest.mark.parametrize("kind", [JOINT_STATE, STRING, TRAJECTORY, LOG])
 def test_the_schema_text_hashes_to_the_type_hash_of_jazzy(kind):
     store = get_typestore(Stores.EMPTY)

@@ -419,6 +419,12 @@ def test_runs_are_compared_if_all_are_there(tmp_path, comparison, variants, spee
     assert judge(experiment, runs) == []
 
 
+def test_a_number_has_to_be_between_its_bounds(tmp_path):
+    experiment = load_experiment(str(write(tmp_path, criterion(above=1.0, below=3.0))))
+    runs = recordings(tmp_path, first=0.5, second=2.0, angles=4.0)
+    assert [verdict.met for verdict in judge(experiment, runs)] == [False, True, False]
+
+
 def test_a_run_that_diverged_counts_with_what_its_bag_holds(tmp_path):
     content = criterion(ratio=PAIR, above=5, below=None)
     content["criteria"] += [{"metric": "peak_effort", "variants": ["first"], "below": 9}]

@@ -142,7 +142,7 @@ def test_an_experiment_is_met_or_missed_only_if_it_was_judged(tmp_path, verdicts
 def test_the_summary_of_the_paper_has_all_that_the_page_has(tmp_path):
     values = [verdict(8.0), verdict(7.9, variant="b"), verdict(7.95, variant="c")]
     found = [
-        outcome(tmp_path, "e17", *values, verdict(math.inf, met=False, text="u")),
+        outcome(tmp_path, "e17", *values, verdict(8.0, text="u"), verdict(math.inf, False, "b", "u")),
         outcome(tmp_path, "robots", error="a node died"),
     ]
     write_paper_summary(tmp_path / "summary.json", found)
@@ -150,7 +150,7 @@ def test_the_summary_of_the_paper_has_all_that_the_page_has(tmp_path):
     assert content["headline"] == "0 of 1 claims of the paper met; not met: E17."
     first, second = content["experiments"]
     assert (first["experiment"], first["met"], first["claim_of_paper"]) == ("e17", False, True)
-    assert [c["measured"] for c in first["criteria"]] == ["7.90 to 8.00 Nm", "inf Nm"]
+    assert [c["measured"] for c in first["criteria"]] == ["7.90 to 8.00 Nm", "8.00 to inf Nm"]
     assert [c["met"] for c in first["criteria"]] == [True, False]
     assert (second["error"], second["claim_of_paper"]) == ("a node died", False)
     assert paper_table(found, 120).row_count == 2
