@@ -4,9 +4,8 @@ import json
 import math
 from pathlib import Path
 
-import numpy as np
 import pytest
-from synthetic_runs import rewritten, write_run
+from synthetic_runs import _START, rewritten, write_run
 
 from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.quantities import BY_NAME, measure
@@ -17,16 +16,14 @@ from eulerparams_control.errors import BagError
 from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.experiments.main import lasting, main
 
-START = 1_700_000_000_000_000_000
 SECONDS, WARM_UP, RATE = 20, 4.0, 100
 EXACT = 1e-6  # relative: times of some 1e9 s, and their differences as doubles
 
 
 def made(folder: Path) -> Recording:
-    """Return a run whose states are answered after 0.4 ms; 1 of each 100 after 2 ms, 1 not at all.
+    """Return a run at 100 Hz, answered after 0.4 ms; each second one after 2 ms, one not at all.
 
-    In the warm-up and the last second none is.  The memory of the controller grows by 1 MB a
-    minute, that of the others is 100 MB.
+    In the warm-up and the last second none is.  The controller grows by 1 MB a minute.
     """
 
     def change(message: RawMessage, number: int) -> RawMessage | None:
@@ -40,7 +37,7 @@ def made(folder: Path) -> Recording:
     first = write_run(folder / "first", rest, efforts=rest)
     path = rewritten(first, folder / "run", change, topic="/joint_effort")
     rows = [
-        [START + t * 10**9, 100e6 + 1e6 * t / 60 + 50e6 * (t < WARM_UP), 100e6, 100e6, 100e6]
+        [_START + t * 10**9, 100e6 + 1e6 * t / 60 + 50e6 * (t < WARM_UP), 100e6, 100e6, 100e6]
         for t in range(SECONDS + 1)
     ]
     (path / USAGE).write_text("".join(",".join(map(str, row)) + "\n" for row in rows))
@@ -52,10 +49,9 @@ def test_latency_states_answered_and_growth_of_memory_are_of_the_time_after_the_
     assert measure("states_answered", run) == pytest.approx(99.0)
     for percent, latency in ((50, 0.4), (98, 0.4), (100, 2.0)):
         assert measure("round_trip", run, percent=percent) == pytest.approx(latency, rel=EXACT)
-    growth = [measure("memory_growth", run, node=node) for node in NODES]
-    np.testing.assert_allclose(growth, [60, 0, 0, 0], atol=1e-3)
-    _, memory = BY_NAME["memory"].of(run)
-    np.testing.assert_allclose(memory[-1], [100 + 19 / 60, 100, 100, 100])
+    for node, growth in zip(NODES, (60, 0, 0, 0), strict=True):
+        assert measure("memory_growth", run, node=node) == pytest.approx(growth, abs=1e-3)
+    assert BY_NAME["memory"].of(run)[1][-1] == pytest.approx([100 + 19 / 60, 100, 100, 100])
     with pytest.raises(BagError, match=r"has no usage.csv: it is no experiment with real_time"):
         measure("round_trip", load(tmp_path / "first"))
 
