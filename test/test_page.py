@@ -22,7 +22,6 @@ from eulerparams_control.analysis.quantities.base import Prediction
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.verdict import Verdict
 from eulerparams_control.bags.format import BagFlaw, BagWarning
-from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.robot.robot import Robot
 
 EVIL = "</script><script>alert(1)</script>"
@@ -170,21 +169,6 @@ def test_the_peak_of_one_sample_is_drawn_beside_the_calm_run(page):
     assert 3 in [shape.get("y0") for shape in speed["layout"]["shapes"]]  # the limit
 
 
-def test_the_time_near_the_pole_is_shaded_and_the_closest_approach_marked(page):
-    layout = figures_of(page)[0]["layout"]
-    bands = [(shape["x0"], shape["x1"]) for shape in layout["shapes"] if "fillcolor" in shape]
-    assert bands == [(45.67, 45.67)]
-    (note,) = layout["annotations"]
-    assert note["text"] == "4.06 deg from the pole of XYZ, at 45.670 s"
-
-
-def test_parameters_that_differ_are_highlighted_and_the_others_folded(page):
-    assert differing_in(page) == [("/clik k_Po", ["100", "2.5"])]
-    folded = folded_in(page)
-    assert "<th>/clik orientation</th>" in folded
-    assert "k_Po" not in folded
-
-
 def test_text_of_a_bag_is_escaped_everywhere(tmp_path):
     evil_folder = EVIL.replace("/", "\\")
     parameters = {EVIL: EVIL, "euler_sequence": "XYZ"}
@@ -314,12 +298,6 @@ def test_a_prediction_is_drawn_dashed_and_its_text_stands_above(tmp_path):
     effort = figure_of(text, "Effort")
     assert len(effort["data"]) == 2
     assert effort["layout"]["yaxis"]["range"][1] > 9.9
-
-
-def test_a_prediction_of_no_quantity_is_refused(tmp_path):
-    wrong = Prediction("efort", "", np.zeros(2), np.zeros(2))
-    with pytest.raises(UnknownNameError, match=r"unknown quantity 'efort'.*did you mean 'effort'"):
-        page_of(tmp_path, [digest_of(tmp_path / "run")], "", "", predictions=[wrong])
 
 
 def test_both_kinds_of_singularity_are_shaded_each_in_its_own_way(tmp_path):

@@ -19,7 +19,6 @@ from eulerparams_control.analysis.static import (
     svg,
     write_figures,
 )
-from eulerparams_control.errors import ConfigurationError, UnknownNameError
 
 FORCE = BY_NAME["f"]
 ORIENTATION_ERROR, POSITION_ERROR = BY_NAME["orientation_error"], BY_NAME["position_error"]
@@ -141,11 +140,3 @@ def test_the_time_near_either_singularity_is_shaded_so_that_they_differ(run):
         pytest.approx((1.0, 1.5, True)),
     ]
     assert texts_of(figure)[1:] == ["near the pole of XYZ", "near a kinematic singularity"]
-
-
-def test_files_that_cannot_be_written_are_named(run, tmp_path):
-    (tmp_path / "taken").write_text("")
-    with pytest.raises(ConfigurationError, match="cannot write "):
-        write_figures(tmp_path / "taken", [run])
-    with pytest.raises(UnknownNameError, match="unknown format 'svgg' \\(did you mean 'svg'"):
-        write_figures(tmp_path, [run], ("svgg",))
