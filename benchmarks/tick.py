@@ -28,7 +28,7 @@ BLOCK = 20  # ticks of one call before the turn of the next
 
 def report(title: str, rows: Sequence[tuple[str, Sequence[float], str, Sequence[float]]]) -> None:
     """Print p50 and p99 [us] of times [s], of their reference, and the ratios."""
-    print(f"{title:34} p50      p99   reference [us] {'':8} p50      p99   ratio p50   p99")
+    print(f"{title:33} p50      p99   reference [us] {'':10} p50      p99   ratio p50   p99")
     for name, own, reference, bare in rows:
         a, b = (1e6 * np.percentile(times, (50, 99)) for times in (own, bare))
         print(
