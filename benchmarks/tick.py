@@ -28,11 +28,11 @@ BLOCK = 20  # ticks of one call before the turn of the next
 
 def report(title: str, rows: Sequence[tuple[str, Sequence[float], str, Sequence[float]]]) -> None:
     """Print p50 and p99 [us] of times [s], of their reference, and the ratios."""
-    print(f"{title:33} p50      p99   reference [us] {'':10} p50      p99   ratio p50   p99")
+    print(f"{title:33} p50      p99   reference [us] {'':11} p50      p99   ratio p50   p99")
     for name, own, reference, bare in rows:
         a, b = (1e6 * np.percentile(times, (50, 99)) for times in (own, bare))
         print(
-            f"{name:28} {a[0]:9.1f} {a[1]:8.1f}   {reference:20} {b[0]:8.1f} {b[1]:8.1f} "
+            f"{name:28} {a[0]:9.1f} {a[1]:8.1f}   {reference:21} {b[0]:8.1f} {b[1]:8.1f} "
             f"{a[0] / b[0]:11.2f} {a[1] / b[1]:5.2f}"
         )
 
