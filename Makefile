@@ -16,7 +16,7 @@ export ROS_PYTHON_CHECK_FIELDS ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 unexport PYTHONDONTWRITEBYTECODE  # or each process of a run or a test compiles all again
 
-.PHONY: setup compiled demo live test test-long test-floor floor-tests bench paper compare yardstick yardstick-paper soak two-hosts docs picture lint clean
+.PHONY: setup compiled demo live test test-long test-floor floor-tests bench paper compare yardstick yardstick-paper docs picture lint clean
 
 setup: $(READY)
 
@@ -59,9 +59,10 @@ test-floor: $(FLOOR)/.floor
 floor-tests:
 	@echo $(FLOOR_TESTS:%=test/test_%.py)
 
-# As users run it, without the checks of fields.  Some minutes; see ARGS=--help.
-bench: $(READY)
-	@env -u ROS_PYTHON_CHECK_FIELDS $(PYTHON) benchmarks/run.py --page $(OUT)/bench.html $(ARGS)
+# As users run it, without the checks of fields.  Each script has --help.
+bench: compiled
+	@for name in tick node simulation; do \
+	  env -u ROS_PYTHON_CHECK_FIELDS $(PYTHON) benchmarks/$$name.py || exit; done
 
 paper: $(READY)
 	@$(VENV)/bin/experiment --paper $(if $(JOBS),--jobs $(JOBS)) --out $(OUT)/paper $(ARGS)
@@ -77,14 +78,6 @@ yardstick: compiled
 # The same of the experiments, after make paper and make compare.
 yardstick-paper: $(READY)
 	@$(PYTHON) test/yardstick_paper.py $(ARGS) $(OUT)/paper $(OUT)/compare
-
-
-soak: $(READY)
-	@rm -rf $(OUT)/soak
-	@$(PYTHON) -m eulerparams_control.lab.experiments.soak --out $(OUT)/soak $(ARGS)
-
-two-hosts: $(READY)
-	@tools/two_hosts --out $(OUT)/two_hosts $(ARGS)
 
 docs: $(READY)
 	@EULERPARAMS_PLAIN=1 NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build --strict --quiet --site-dir $(OUT)/docs

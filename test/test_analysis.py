@@ -13,14 +13,13 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 from synthetic_runs import DISTANCE, PERIOD_NS, URDF, all_numbers, recorded, rewritten, write_run
 
-from eulerparams_control.analysis.charts import axis, symmetric_axis
+from eulerparams_control.analysis.charts import axis
 from eulerparams_control.analysis.decimation import decimate
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.headline import describe, fill
-from eulerparams_control.analysis.labels import labels, number, quantity
+from eulerparams_control.analysis.labels import number, quantity
 from eulerparams_control.analysis.loading import load
-from eulerparams_control.analysis.quantities import measure, quotient
-from eulerparams_control.analysis.quantities.base import drawn, metric, row
+from eulerparams_control.analysis.quantities import measure
 from eulerparams_control.analysis.recording import Recording, lyapunov_series
 from eulerparams_control.analysis.series import Frames, Series
 from eulerparams_control.bags import BagWriter
@@ -160,36 +159,6 @@ def test_a_run_that_diverged_never_settles_and_what_it_lacks_is_infinite(run):
         measure("peak_speed", ended)
 
 
-def test_an_infinite_number_counts_and_none_at_all_is_said(dynamic):
-    def with_effort(value: float) -> Recording:
-        return replace(dynamic, effort=dynamic.effort._replace(tau=dynamic.effort.tau * value))
-
-    assert measure("peak_effort", with_effort(math.inf)) == math.inf
-    with pytest.raises(BagError, match="no value from 0 to inf s"):
-        measure("peak_effort", with_effort(math.nan))
-
-
-def test_no_two_numbers_have_one_name_or_one_place():
-    with pytest.raises(ValueError, match="there is a metric peak_effort already"):
-        metric("Nm", name="peak_effort")(math.sqrt)
-    with pytest.raises(ValueError, match=r"place 2 is that of .*orientation error, peak"):
-        row(2, "force, peak", "peak_force")
-    with pytest.raises(ValueError, match=r"place 1 is that of .*orientation_error"):
-        drawn(1, "Force", "|f| [N]", "The force.")(math.sqrt)
-
-
-def test_a_quotient_by_zero_is_infinite_or_nothing():
-    assert quotient(3.0, 2.0) == 1.5
-    assert quotient(-3.0, 0.0) == -math.inf
-    assert math.isnan(quotient(0.0, 0.0))
-
-
-def test_the_sequence_of_the_parameters_gives_the_pole(tmp_path):
-    run = recorded(tmp_path / "run", [0.3], parameters={"euler_sequence": "ZYZ"})
-    angle = measure("closest_approach", run, of="measured")
-    assert angle == pytest.approx(math.degrees(0.3), rel=EXACT)
-
-
 # --- recordings ----------------------------------------------------------------------
 def test_a_bag_with_joint_states_only_has_what_needs_no_reference(tmp_path):
     folder = write_run(tmp_path / "run", MEASURED, speeds=SPEEDS, desired=False, urdf="")
@@ -220,13 +189,6 @@ def test_parameters_of_another_form_are_left_out(tmp_path, parameters):
     source = write_run(tmp_path / "source", MEASURED)
     run = rewritten(source, tmp_path / "run", lambda message, _k: message, parameters)
     assert load(run).parameters == {}
-
-
-def test_labels_differ_by_as_many_folders_as_it_takes(tmp_path):
-    runs = [recorded(tmp_path / p, MEASURED) for p in ("a/x", "b/x", "b/y")]
-    assert labels(runs) == [str(Path(*p)) for p in (("a", "x"), ("b", "x"), ("b", "y"))]
-    assert labels(runs[1:]) == ["x", "y"]
-    assert labels([runs[0], runs[0]]) == ["1: x", "2: x"]
 
 
 def test_efforts_are_read_by_joint_name_at_the_stamps_that_they_answer(dynamic):
@@ -418,18 +380,6 @@ def test_decimation_keeps_the_ends_and_every_peak():
     assert np.array_equal(few_y, y[np.searchsorted(t, few_t)])
 
 
-def test_decimation_keeps_gaps_and_ignores_what_is_not_finite():
-    t = np.arange(10_000.0)
-    y = np.ones(10_000)
-    y[:5_000], y[6_000], y[7_000], y[8_000] = np.nan, np.inf, np.nan, 7.0
-    few_t, few_y = decimate(t, y, 100)
-    assert np.count_nonzero(np.isnan(few_y[few_t < 5_000])) == np.count_nonzero(few_t < 5_000) > 0
-    assert few_y[few_t >= 5_000].tolist().count(1.0) > 50
-    assert np.nanmax(few_y) == 7.0
-    few = decimate(t[:3], np.array([1.0, np.inf, 2.0]), 100)[1]
-    assert np.array_equal(few, [1.0, np.nan, 2.0], equal_nan=True)
-
-
 ONES, ANY = np.full(100, 1.0), (-math.inf, math.inf)
 
 
@@ -454,12 +404,3 @@ def test_an_axis_is_logarithmic_if_runs_differ_by_powers_of_ten(values, options,
     ends = (math.log10(end) if shown.logarithmic else end for end in shown[1:3])
     for end, (least, most) in zip(ends, (low, high), strict=True):
         assert least <= end <= most
-
-
-def test_an_axis_of_components_has_zero_in_its_middle():
-    runs = [np.array([[1.0, -4.0, np.nan]]), np.array([[2.0, np.inf, 0.0]])]
-    shown = symmetric_axis(runs, 1e-6)
-    assert shown[:3] == pytest.approx((False, -4.4, 4.4))
-    assert symmetric_axis([np.full(3, 1e-12)], 1.0)[:3] == pytest.approx((False, -1.1, 1.1))
-    assert symmetric_axis([np.array([1e300, 1.0])], 1.0).high < 1e13
-    assert symmetric_axis([np.full(2, np.nan)], 1.0)[:3] == pytest.approx((False, -1.1, 1.1))

@@ -6,21 +6,19 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow.csv
 import pyarrow.parquet
 import pytest
-from synthetic_runs import URDF, arms_together, recorded, rewritten, write_run
+from synthetic_runs import URDF, arms_together, recorded, write_run
 from tolerances import assert_close
 
 from eulerparams_control import analysis
-from eulerparams_control.analysis import Digest, static
+from eulerparams_control.analysis import Digest
 from eulerparams_control.analysis.export import Export, file_name
 from eulerparams_control.analysis.loading import blocks
 from eulerparams_control.analysis.main import main
-from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.laws.rotations import exp
 from eulerparams_control.motion.frames import DesiredFrame
 
@@ -85,23 +83,6 @@ def test_a_table_written_in_parts_is_that_of_the_whole(bag, tmp_path):
         assert all(a == b for i, (a, b) in enumerate(cells) if i not in here)
 
 
-def test_what_begins_in_a_later_part_is_in_the_table(bag, tmp_path):
-    """The first 100 samples have no wrench."""
-    late = rewritten(bag, tmp_path / "late", lambda m, k: m if k > 100 else None, topic="/wrench")
-    with closing(Export(tmp_path / "late.parquet")) as export:
-        for part in blocks(late, size=60):
-            export.add(part)
-    force = pyarrow.parquet.read_table(tmp_path / "late.parquet")["force [N]"].to_pylist()
-    assert all(value is None or math.isnan(value) for value in force[:100])
-    assert all(value > 0 for value in force[101:])
-
-
-def test_a_table_that_cannot_be_written_is_refused(bag, tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(ConfigurationError, match="cannot write"):
-        Export(tmp_path / "file" / "run.csv").add(analysis.load(bag))
-
-
 def test_the_digest_of_parts_has_the_numbers_of_the_whole(bag):
     whole = Digest.of(analysis.load(bag))
     parts = Digest.of_parts(blocks(bag, size=70))
@@ -117,14 +98,6 @@ def test_the_digest_of_parts_has_the_numbers_of_the_whole(bag):
         assert (t[0], t[-1]) == (t_whole[0], t_whole[-1])
         assert np.all(np.diff(t) >= 0)
     assert np.all(np.diff(parts.track.t) >= 0)
-
-
-def test_the_time_near_a_pole_goes_on_from_part_to_part(tmp_path):
-    path = write_run(tmp_path / "run", [1.4 + 0.001 * k for k in range(300)])
-    for size in (0, 40):
-        digest = Digest.of_parts(blocks(path, size=size))
-        ((start, end),) = digest.near_pole  # within 5 deg of 90 deg
-        assert (start, end) == pytest.approx((0.84, 2.58), abs=0.011)
 
 
 def test_near_a_kinematic_singularity_is_where_the_controller_damps(tmp_path):
@@ -183,20 +156,6 @@ def test_a_broken_bag_does_not_hide_the_others(bag, tmp_path, analyze):
     assert code == 2
     assert "expected an MCAP file" in out
     assert re.search(r"orientation error, peak \[deg\] *│ *46\.", out)
-
-
-def test_figures_are_written_to_the_folder_in_the_formats_that_are_named(
-    bag, tmp_path, analyze, monkeypatch
-):
-    given: list[Any] = []
-    monkeypatch.setattr(static, "write_figures", lambda *args: given.append(args) or [tmp_path])
-    args = ("--no-page", "--figures", tmp_path / "f", "--figure-format", "svg")
-    code, out = analyze(bag, *args)
-    assert code == 0
-    assert f"1 figures: {tmp_path / 'f'}" in out
-    ((folder, (digest,), formats),) = given  # each of its curves has a file: test_static_figures
-    assert (folder, formats) == (str(tmp_path / "f"), ["svg"])
-    assert {"orientation_error", "error_angle_axis", "force"} <= digest.curves.keys()
 
 
 def test_a_bag_of_another_recorder_needs_a_urdf_and_a_tip_and_shows_what_it_has(tmp_path, analyze):
@@ -266,16 +225,6 @@ def test_contact_and_motion_loop_are_shown_where_they_are(tmp_path, analyze):
     assert not re.search("force|compliant", out)
 
 
-def test_the_table_of_many_bags_is_split(tmp_path, monkeypatch, analyze):
-    monkeypatch.setenv("COLUMNS", "80")
-    bags = [write_run(tmp_path / f"run_of_a_long_name_{i}", [0.1 * i]) for i in range(5)]
-    _, out = analyze(*bags, "--no-page")
-    assert max(map(len, out.splitlines())) <= 80
-    assert "…" not in out
-    for angle in ("5.73", "11.5", "17.2", "22.9"):
-        assert angle in out
-
-
 def test_the_warning_of_a_truncated_bag_is_shown(tmp_path, analyze):
     bag = write_run(tmp_path / "run", [0.1] * 4000)
     file = bag / "run_0.mcap"
@@ -293,16 +242,6 @@ def test_the_warning_of_a_truncated_bag_is_shown(tmp_path, analyze):
 )
 def test_files_of_tables_stay_in_their_folder(label, name):
     assert file_name(label) == name
-
-
-def test_the_library_draws_a_figure_by_name(bag):
-    run = analysis.load(bag)
-    figure = analysis.figure([run], "orientation_error")
-    (line,) = [line for line in figure.axes[0].lines if len(line.get_xdata()) > 100]
-    drawn: Any = line.get_ydata()
-    assert drawn.max() == pytest.approx(analysis.measure("peak_orientation_error", run))
-    with pytest.raises(UnknownNameError, match="orientation_error"):
-        analysis.figure([run], "orientation_eror")
 
 
 def test_joints_that_slide_have_units_of_their_own(tmp_path):

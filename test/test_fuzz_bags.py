@@ -134,40 +134,19 @@ def empty_elements(count: int) -> bytes:
     return f"a/B[{count}] x\n{'=' * 80}\nMSG: a/B\n".encode()
 
 
-def ones() -> bytes:
-    """Return a schema whose elements the library reads behind the end of a message, too."""
-    return f"a/B[] name\n{'=' * 80}\nMSG: a/B\nuint8[1] x\n".encode()
-
-
-FRAME_OF_PETABYTES = struct.pack("<IBQ", 0xFD2FB528, 0xE0, 2**50) + b"\x01\x00\x00"
 LONG = b"\0\1\0\0" + b"\xff" * 8
 
 # What stands between the head and the end of a file; and what is said of it.
 BODIES: dict[str, tuple[Callable[[], bytes], str]] = {
     "a chunk of 2^60 bytes": (lambda: struct.pack("<BQ", 6, 2**60), "was not finished"),
-    "a zstd bomb": (lambda: chunk(zeros("zstd"), "zstd", ZEROS), "4294967296 bytes unpacked"),
     "a zstd bomb that says it is small": (lambda: chunk(zeros("zstd"), "zstd", 9), "the chunk at"),
-    "a zstd frame of petabytes": (
-        lambda: chunk(FRAME_OF_PETABYTES, "zstd", 9),
-        "does not unpack to the 9",
-    ),
     "an lz4 bomb": (lambda: chunk(zeros("lz4"), "lz4", ZEROS), "4294967296 bytes unpacked"),
-    "an lz4 bomb that says it is small": (lambda: chunk(zeros("lz4"), "lz4", 9), "unpack to the 9"),
     "an unknown compression": (lambda: chunk(b"x", "bz2", 9), "the compression 'bz2' is unknown"),
     "profiles of aliases": (lambda: profiled(item(aliases())), ""),
-    "profiles of dates": (lambda: profiled("- {x: 2001-01-01}"), ""),
-    "profiles of words": (lambda: profiled("- abc\n- 3"), ""),
-    "profiles of tuples": (lambda: profiled("- {? [1, 2] : 3}"), ""),
     "a type in itself": (lambda: described(f"{JOINT_STATE} x"), ""),
     "empty elements": (lambda: description(empty_elements(2**32 - 1)), ""),
-    "endless elements": (lambda: description(ones()), ""),
-    "a schema of noise": (lambda: described(bytes(range(256))), ""),
     "a schema of a million lines": (lambda: described("int32 x\n" * 10**6), ""),
-    "a schema of a million comments": (lambda: described("# " + "a" * 10**6), ""),
     "another encoding": (lambda: schema(DEFINITION) + channel(encoding="json") + message(LONG), ""),
-    "another schema": (lambda: schema("x", encoding="protobuf") + channel() + message(LONG), ""),
-    "a topic that is a screen": (lambda: schema(DEFINITION) + channel("/\x1b[2J\n/states"), ""),
-    "a topic that is nothing": (lambda: schema(DEFINITION) + channel("") + message(LONG), ""),
     "many damaged records": (lambda: record(5, b"") * 10**4, "more that is damaged"),
 }
 
@@ -225,10 +204,8 @@ def analysing(path: Path) -> tuple[str, ...]:
 
 
 IN_A_PROCESS = [
-    "a chunk of 2^60 bytes", "a zstd bomb", "a zstd bomb that says it is small",
-    "a zstd frame of petabytes", "an lz4 bomb", "an lz4 bomb that says it is small",
-    "profiles of aliases",
-    "empty elements", "endless elements",
+    "a chunk of 2^60 bytes", "a zstd bomb that says it is small", "an lz4 bomb",
+    "profiles of aliases", "empty elements",
 ]  # fmt: skip
 
 
@@ -243,17 +220,6 @@ def test_hostile_bags_take_little_memory_and_time(tmp_path):
         assert (code, recovered[0]) == (2, 0), case
         assert BODIES[case][1] in said, case
         assert Bag(tmp_path / f"{number}_recovered").warning == ""
-
-
-def test_a_file_of_terabytes_without_content_takes_little_memory(tmp_path):
-    kinds = {6: "chunk", 9: "attachment"}
-    for opcode, name in kinds.items():
-        with open(hostile(tmp_path / name, b"") / "x.mcap", "wb") as file:
-            file.write(HEAD + struct.pack("<BQ", opcode, 2**39))
-            file.truncate(2**40)
-    found = bounded(*(analysing(tmp_path / name) for name in kinds.values()))
-    for name, (_, said) in zip(kinds.values(), found, strict=True):
-        assert f"the {name} at byte {len(HEAD)}: {2**39} bytes; expected at most" in said
 
 
 # --- in this process -----------------------------------------------------------------------
@@ -326,41 +292,15 @@ def test_the_files_that_metadata_yaml_names_are_not_followed(paths, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == there
 
 
-def test_an_attachment_is_data_and_its_name_no_path(tmp_path):
-    with open(tmp_path / "x.mcap", "wb") as file:
-        writer = Writer(file)
-        writer.start("ros2")
-        for name in ("../escaped", "/tmp/escaped", "parameters.yaml"):
-            data = b"!!python/object/apply:pathlib.Path.touch [escaped]"
-            writer.add_attachment(0, 0, name, "text/plain", data)
-        # no end: the recorder was killed
-        writer.flush()
-    folder = tmp_path / "bag"
-    folder.mkdir()
-    (tmp_path / "x.mcap").rename(folder / "x.mcap")
-    with pytest.raises(BagError, match=r"parameters\.yaml in .* is not valid YAML: could not"):
-        Bag(folder).parameters()
-    whole = recover(folder).bag
-    assert sorted(path.name for path in whole.iterdir()) == ["metadata.yaml", "x.mcap"]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["bag", "bag_recovered"]
-
-
 @pytest.mark.parametrize(
     ("yaml_text", "words"),
     [
         (aliases(), "its aliases stand for more than"),
         (aliases(merged=True), "its aliases stand for more than"),
         ("&a [*a]", "a collection contains itself"),
-        ("&a {x: {y: *a}}", "a collection contains itself"),
         ("!!python/object/apply:os.system ['true']", "could not determine a constructor"),
-        ("!!binary aGVsbG8=", "could not determine a constructor"),
-        ("!!set {a, b}", "could not determine a constructor"),
-        ("!!timestamp 2001-01-01", "could not determine a constructor"),
         ("[" * 5000, "is not valid YAML"),
         ("x" * 4_000_001, "4000001 characters; expected at most"),
-        ("a: 1\n---\nb: 2", "expected a single document"),
-        ("{[]: 1}", "is not valid YAML"),
-        ("1" * 5000, "is not valid YAML"),
     ],
 )
 def test_yaml_of_a_bag_that_is_no_plain_data_is_refused(yaml_text, words):
@@ -371,37 +311,12 @@ def test_yaml_of_a_bag_that_is_no_plain_data_is_refused(yaml_text, words):
 
 
 @pytest.mark.parametrize(
-    ("yaml_text", "value"),
-    [
-        ("", None),
-        ("a: &a [1, 2.5]\nb: *a", {"a": [1, 2.5], "b": [1, 2.5]}),
-        ("a: &a {x: 1}\nb: {<<: *a, y: 2}", {"a": {"x": 1}, "b": {"x": 1, "y": 2}}),
-        ("{day: 2001-01-01, on: true, none: ~}", {"day": "2001-01-01", True: True, "none": None}),
-        ("[0x1f, -7, .inf, text]", [31, -7, float("inf"), "text"]),
-    ],
-)
-def test_plain_yaml_is_what_it_says(yaml_text, value):
-    assert load_yaml(yaml_text, "a bag") == value
-
-
-@given(st.text(alphabet="&*a<:,-[]{}!|>'\"\n 01", max_size=60))
-def test_any_yaml_is_plain_data_or_refused(yaml_text):
-    with contextlib.suppress(BagError):
-        assert isinstance(load_yaml(yaml_text, "x"), dict | list | str | int | float | None)
-
-
-@pytest.mark.parametrize(
     ("definition", "words"),
     [
         ("a/A x", "contains itself"),
-        (f"a/B x\n{'=' * 80}\nMSG: a/B\na/A y", "contains itself"),
         ("a/B x", "a/msg/B is not defined"),
-        ("int32[-1] x", "an array of -1"),
-        ("int32[0] x", "an array of 0"),
-        ("int32[many] x", "invalid literal"),
         ("int32 x\n" * 5001, "fields; expected at most 5000"),
         ("# " + "x" * 2**18, "bytes; expected at most 262144"),
-        ("\xff", "cannot be understood"),
         (
             "a/T0 x" + "".join(f"\n{'=' * 80}\nMSG: a/T{i}\na/T{i + 1} x" for i in range(60)),
             "more than 50 types within each other",
@@ -412,13 +327,6 @@ def test_a_schema_that_no_message_has_is_refused(definition, words):
     with pytest.raises(BagError, match=r"the schema of a/msg/A cannot be understood") as refusal:
         list(columns(Schema(1, definition.encode("latin-1"), "ros2msg", "a/msg/A"), [LONG]))
     assert words in str(refusal.value)
-
-
-def test_an_empty_type_has_a_byte_as_it_travels():
-    definition = f"std_msgs/Empty nothing\nuint8 x\n{'=' * 80}\nMSG: std_msgs/Empty\n"
-    found = Schema(1, definition.encode(), "ros2msg", "a/msg/A")
-    (group,) = columns(found, [b"\0\1\0\0\0\7"])
-    assert group.numbers["x"].tolist() == [7]
 
 
 # --- damage of what is in a whole bag, up to the page --------------------------------------
@@ -552,8 +460,3 @@ def test_definitions_that_differ_by_their_comments_are_of_one_type(build, tmp_pa
         (tmp_path / f"{name}.mcap").write_bytes(content)
     assert Bag(tmp_path).schema("/wrench").name == _TYPES["/wrench"]
     assert not any(flaw.kind is BagFlaw.LEFT_OUT for flaw in load(tmp_path).warnings)
-
-
-@pytest.mark.parametrize("compression", Compression)
-def test_the_bag_that_is_damaged_here_is_a_good_one(build, tmp_path, compression):
-    assert analysed(build(compression=compression), tmp_path) == 0

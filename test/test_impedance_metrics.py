@@ -28,7 +28,6 @@ from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.loading import blocks
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.quantities import BY_NAME, measure
-from eulerparams_control.analysis.quantities.contact import desired_rotations
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.series import Frames
 from eulerparams_control.errors import BagError, ConfigurationError, UnknownNameError
@@ -121,16 +120,6 @@ def test_a_wrench_that_cannot_be_used_leaves_the_rest(tmp_path):
     assert "parameter 'wrench_sign' is 2; expected between -1 and 1" in run.why_no_wrench
 
 
-def test_a_message_that_is_not_finite_is_left_out(tmp_path):
-    wrench = recorded(
-        tmp_path / "run", [0.0] * 3, wrenches=[[f, 0, 0, 0, 0, 0] for f in (1.0, math.nan, 3.0)]
-    ).wrench
-    assert wrench is not None
-    assert wrench.t.tolist() == [0.0, 0.02]
-    f, _ = wrench.at(np.array([0.0, 0.01, 0.015, 0.02, 1.0]))
-    assert f[:, 0].tolist() == [1.0, 1.0, 1.0, 3.0, 3.0]
-
-
 # --- forces and moments --------------------------------------------------------------
 FORCES = [[0, 0, 0], [3, 0, -4], [0, 0, 5], [0, 2, 4], [0, -2, 4.5]]
 WRENCHES = [[*f, 0, 0, m] for f, m in zip(FORCES, (0.0, -9.0, 4.0, 5.0, 7.0), strict=True)]
@@ -175,13 +164,6 @@ def test_an_axis_can_be_that_of_the_desired_frame(tmp_path):
     nothing = replace(run, measured=replace(run.measured, desired=Frames.of([None] * 5)))
     with pytest.raises(BagError, match="no desired frame"):
         measure("final_force", nothing, frame="desired")
-
-
-def test_before_the_first_state_nothing_was_desired(tmp_path):
-    run = recorded(tmp_path / "run", [0.0] * 2)
-    R_d = desired_rotations(run, np.array([-0.01, 0.0, 0.005, 9.0]))
-    assert np.isnan(R_d[0]).all()
-    np.testing.assert_array_equal(R_d[1:], np.tile(np.eye(3), (3, 1, 1)))
 
 
 @pytest.mark.parametrize("axis", [[0, 0, 0], [1, 2], [math.nan, 0, 1], [1, 2, 3, 4]])
@@ -281,34 +263,6 @@ def test_displacements_are_in_the_axes_of_a_desired_frame_that_moves():
 )
 def test_a_number_of_the_compliance_is_what_it_is_by_hand(compliant, name, options, expected):
     assert measure(name, compliant, **options) == pytest.approx(expected, rel=EXACT, abs=1e-9)
-
-
-def test_the_speed_of_the_compliant_frame_is_that_in_its_messages(tmp_path):
-    frame = FRAMES[0]._replace(dp_d=np.array([0.0, 0.03, 0.04]))
-    run = recorded(tmp_path / "run", [0.0, 0.0], compliant=[FRAMES[0], frame])
-    assert measure("final_compliant_speed", run) == pytest.approx(50.0)
-    assert measure("final_compliant_speed", run, before=0.0) == 0.0
-
-
-def test_without_a_moment_its_axis_is_not_known(tmp_path):
-    run = recorded(tmp_path / "run", [0.0], compliant=[FRAMES[1]], wrenches=[[0.0] * 6])
-    with pytest.raises(BagError, match="no turn or no moment"):
-        measure("moment_axis_angle", run)
-    assert math.isnan(measure("apparent_stiffness", run)) is True
-
-
-def test_numbers_of_the_compliance_need_a_compliant_frame(tmp_path):
-    run = recorded(tmp_path / "run", [0.0, 0.1], wrenches=[[0.0] * 6] * 2)
-    for name in ("final_turn", "peak_displacement", "moment_axis_angle", "guided_distance"):
-        with pytest.raises(BagError, match="run has no compliant_frame"):
-            measure(name, run)
-    with pytest.raises(BagError, match="run has no compliant_frame"):
-        measure("peak_position_error", run, against="compliant")
-    with pytest.raises(UnknownNameError, match="unknown frame 'compilant'"):
-        measure("peak_position_error", run, against="compilant")
-    frames = recorded(tmp_path / "b", [0.0, 0.1], compliant=FRAMES[:2])
-    with pytest.raises(BagError, match="no wrench was recorded"):
-        measure("apparent_stiffness", frames)
 
 
 # --- V_3 -----------------------------------------------------------------------------
@@ -413,12 +367,6 @@ def test_the_translational_equation_leaves_nothing_in_either_frame(t, frame):
     assert np.linalg.norm(wrong) > 1.0
 
 
-def test_residuals_are_not_known_without_a_desired_frame():
-    alone = replace(motion(0.5), desired=Frames.of([None]))
-    assert np.isnan(rotational_residual(alone, np.zeros((1, 3)), Z)).all()
-    assert np.isnan(translational_residual(alone, np.zeros((1, 3)), Z, "base")).all()
-
-
 def test_the_residual_of_a_run_is_what_its_force_and_moment_lack(tmp_path):
     p, angle = np.array([0.01, 0.0, -0.02]), 0.4  # at rest: K_p 1000, 200 N/m; 10 Nm/rad about y
     balance = [10.0, 0.0, -4.0, 0.0, 10.0 * math.sin(angle), 0.0]  # eqs. (54), (65)
@@ -485,18 +433,6 @@ def test_an_impedance_page_shows_wrench_compliance_and_motion_loop_in_order(comp
     assert shown.count("Contact moment") == 1
     with pytest.raises(UnknownNameError, match=r"unknown picture 'momet'.*did you mean 'moment'"):
         titles(compliant, tmp_path, first="momet")
-
-
-def test_a_run_that_feels_nothing_shows_no_contact(tmp_path):
-    rounding = [[1e-9] * 6] * 2
-    run = recorded(tmp_path / "run", [0.1, 0.2], wrenches=rounding)
-    assert not set(titles(run, tmp_path)) & {*CONTACT_PLOTS, *CONTACT_GRIDS}
-    answered = recorded(tmp_path / "b", [0.1, 0.2], wrenches=rounding, compliant=FRAMES[:2])
-    shown = set(titles(answered, tmp_path))
-    assert shown > {*CONTACT_PLOTS, *CONTACT_GRIDS[2:]}
-    assert not shown & {*CONTACT_GRIDS[:2]}  # rounding alone is not taken apart
-    touched = recorded(tmp_path / "c", [0.1, 0.2], wrenches=[[0, 0, 1e-3, 0, 0, 0]] * 2)
-    assert set(titles(touched, tmp_path)) & set(CONTACT_PLOTS) == {*CONTACT_PLOTS[:2]}
 
 
 @pytest.mark.filterwarnings("error")

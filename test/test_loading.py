@@ -10,23 +10,20 @@ from typing import Any
 import numpy as np
 import pytest
 import synthetic_runs as runs
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
-from eulerparams_control.analysis import arm, loading, topics
+from eulerparams_control.analysis import topics
 from eulerparams_control.analysis.arm import Options
 from eulerparams_control.analysis.loading import DesiredFrames, RecordedReferences, blocks, load
 from eulerparams_control.analysis.series import Frames
-from eulerparams_control.analysis.topics import NO_START, RecordedTopic
-from eulerparams_control.bags import Bag, BagWriter, scan
+from eulerparams_control.analysis.topics import NO_START
+from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.columns import columns
 from eulerparams_control.bags.format import Topic
 from eulerparams_control.bags.reader import RawMessage
 from eulerparams_control.errors import BagError, UnknownNameError
 from eulerparams_control.laws.rotations import exp
-from eulerparams_control.messages.keys import BEGAN
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.shaper import Shaper
@@ -89,18 +86,6 @@ def test_only_the_time_that_is_asked_for_is_looked_at(bag):
     assert parts[-1].measured.t[-1] == 2.0
     with pytest.raises(BagError, match="no joint_states from 9 to 10 s"):
         load(bag, start=9.0, end=10.0)
-
-
-def test_progress_is_told_each_time_that_many_messages_were_read(bag, monkeypatch):
-    monkeypatch.setattr(scan, "_BATCH_BYTES", 1)
-    monkeypatch.setattr(loading, "_TOLD", 1000)
-    total = sum(topic.count for topic in Bag(bag).topics.values())
-    shares: list[float] = []
-    list(blocks(bag, progress=shares.append))
-    read = [share for share in shares if share <= 0.5]
-    assert total / 1000 - 1 <= len(read) <= total / 1000 + 1
-    assert shares == sorted(shares)
-    assert shares[-1] == 1.0
 
 
 def _references(
@@ -189,16 +174,6 @@ def test_messages_of_several_layouts_become_columns(tmp_path):
     assert found[(4,)].numbers["position"].shape == (1, 0)
 
 
-def test_columns_know_arrays_of_types_of_other_packages(tmp_path):
-    schema = _schema(tmp_path, "std_msgs/msg/Float64MultiArray").schema("/t")
-    message = Float64MultiArray(data=[1.0, 2.0, 3.0])
-    message.layout.dim.append(MultiArrayDimension(label="V", size=3, stride=9))
-    (group,) = columns(schema, [bytes(serialize_message(message))])
-    assert group.numbers["data"].tolist() == [[1.0, 2.0, 3.0]]
-    assert group.texts["layout.dim[0].label"] == "V"
-    assert group.numbers["layout.dim[0].stride"].tolist() == [9]
-
-
 def test_topics_may_have_other_names(tmp_path):
     source = Bag(runs.write_run(tmp_path / "source", [0.1] * 5, desired=False))
     topics = {"/arm/measured": "sensor_msgs/msg/JointState", "/chatter": "std_msgs/msg/String"}
@@ -213,27 +188,6 @@ def test_topics_may_have_other_names(tmp_path):
         load(bag, names={"joint_states": "/arm/measurd"}, **options)
     with pytest.raises(BagError, match="is std_msgs/msg/String; expected"):
         load(bag, names={"joint_states": "/chatter"}, **options)
-
-
-def test_a_new_topic_is_one_class(tmp_path, monkeypatch):
-    monkeypatch.setattr(RecordedTopic, "registry", {**RecordedTopic.registry})
-
-    class OtherForces(RecordedTopic):
-        name = "other_wrench"
-        type = "geometry_msgs/msg/WrenchStamped"
-
-        def rows_of(self, group: Any) -> list[np.ndarray]:
-            return [np.column_stack([group.numbers[f"wrench.force.{axis}"] for axis in "xyz"])]
-
-    monkeypatch.setitem(arm.TYPES, OtherForces.name, OtherForces.type)
-    source = runs.write_run(tmp_path / "source", [0.1] * 5, wrenches=[[k] * 6 for k in range(5)])
-    kinds = {name.replace("/w", "/other_w"): kind for name, kind in runs.topics_of(source).items()}
-    messages = [m._replace(topic=m.topic.replace("/w", "/other_w")) for m in Bag(source).read_raw()]
-    run = load(runs.write_messages(tmp_path / "run", kinds, messages), tip_frame="tip")
-    t, f = run.others["other_wrench"]
-    np.testing.assert_array_equal(t, run.measured.t)
-    assert f.tolist() == [[k] * 3 for k in range(5)]
-    assert run.sensed is None
 
 
 def test_messages_that_are_not_valid_are_left_out_and_counted(tmp_path):
@@ -355,20 +309,6 @@ def test_the_news_of_one_arm_do_not_move_the_reference_of_the_other(tmp_path):
     assert right.measured.desired.p[20, 2] == pytest.approx(runs.DISTANCE)
 
 
-@pytest.mark.parametrize("text", ["abc", "", "1.5", "9" * 60, "٣"])
-def test_news_that_are_no_stamp_are_ignored(tmp_path, text):
-    values = [KeyValue(key=BEGAN, value=text)]
-    data = bytes(serialize_message(DiagnosticArray(status=[DiagnosticStatus(values=values)])))
-    run = _changed(tmp_path, "/diagnostics", lambda m, _k: m._replace(data=data), began=0)
-    assert len(load(run).measured.t) == 30
-
-
-@pytest.mark.parametrize("topic", ["/diagnostics", "/reference"])
-def test_a_message_that_is_cut_is_left_out(tmp_path, topic):
-    run = _changed(tmp_path, topic, lambda m, _k: m._replace(data=m.data[:20]), began=0)
-    assert f"1 messages of {topic[1:]} are not valid" in load(run, tip_frame="tip").warning
-
-
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -383,15 +323,6 @@ def test_parameters_that_are_not_valid_leave_the_rest(tmp_path, wrong):
     told = "the parameters of the controller are not valid" in run.warning
     assert told == ("reference_timeout" not in wrong)  # which has a default
     assert len(run.pole_distance) == 5
-
-
-def test_a_part_ends_by_the_messages_of_any_topic(tmp_path):
-    """One joint_states a second, and 200 wrenches between two."""
-    options = {"q": [0.1] * 4000, "wrenches": [[1.0, 0, 0, 0, 0, 0]] * 4000}
-    rare = _changed(tmp_path, "/joint_states", lambda m, k: None if k % 200 else m, **options)
-    parts = list(blocks(rare, size=50))
-    assert len(parts) > 4
-    assert max(len(part.sensed.t) for part in parts if part.sensed) < 1500
 
 
 def test_before_the_first_wrench_there_is_none(tmp_path):

@@ -14,9 +14,7 @@ import pytest
 from plotly.offline import get_plotlyjs
 from synthetic_runs import URDF, recorded
 
-from eulerparams_control.analysis import charts, html
-from eulerparams_control.analysis.digest import Approach, Curve, Digest
-from eulerparams_control.analysis.headline import describe
+from eulerparams_control.analysis.digest import Approach, Digest
 from eulerparams_control.analysis.html import script, viewer
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.quantities import BY_NAME
@@ -24,13 +22,9 @@ from eulerparams_control.analysis.quantities.base import Prediction
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.verdict import Verdict
 from eulerparams_control.bags.format import BagFlaw, BagWarning
-from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.robot.robot import Robot
 
 EVIL = "</script><script>alert(1)</script>"
-FORCES = "Contact force, base axes"
-MEASURED = "measured_orientation_error"
-MAX_BYTES = 20_000_000
 
 MET = Verdict("largest <error>", "calm", "about 5", 5.73, "deg", "< 6", True)
 MISSED = Verdict("joint speed", "wild / calm", "", 2.5e8, "", "< 10", False)
@@ -131,12 +125,6 @@ def test_the_page_loads_nothing(page, tmp_path):
     assert "showSendToCloud: false" in page  # else plotly offers to upload the data
 
 
-def test_the_page_is_small(tmp_path):
-    runs = list(map(Digest.of, pair(tmp_path))) * 20
-    write_page(tmp_path / "page.html", runs, "", "")
-    assert (tmp_path / "page.html").stat().st_size < MAX_BYTES
-
-
 def test_the_page_begins_with_the_sentence_and_the_orientation_error(page):
     heading = re.search(r"<body>\s*<header>\s*<h1>(.*?)</h1>", page)
     assert heading is not None
@@ -166,21 +154,6 @@ def test_every_verdict_is_on_the_page_if_there_are_any(page, tmp_path):
     assert "<h1>Largest orientation error: " in without
 
 
-def test_predictions_have_a_column_where_a_criterion_has_one(tmp_path, page):
-    def columns(text: str) -> tuple[list[str], list[str]]:
-        table = text[text.index('<table class="criteria">') :].partition("</table>")[0]
-        row = re.findall("<tr.*?</tr>", table, re.DOTALL)[1]
-        return re.findall("<th [^>]*>(.*?)</th>", table), re.findall("<td.*?>(.*?)</td>", row)
-
-    without = page_of(tmp_path, [digest_of(tmp_path / "run")], "", "", [MISSED])
-    names, values = columns(without)
-    assert names == ["criterion", "run", "measured", "bound", "met"]
-    assert values == ["joint speed", "wild / calm", "2.50e8", "&lt; 10", "✗ no"]
-    names, values = columns(page)
-    assert names == ["criterion", "run", "predicted", "measured", "bound", "met"]
-    assert values[2:4] == ["about 5", "5.73 deg"]
-
-
 def test_the_peak_of_one_sample_is_drawn_beside_the_calm_run(page):
     error, speed = figures_of(page)[:2]
     calm, wild = (array(trace["y"]) for trace in error["data"])
@@ -194,39 +167,6 @@ def test_the_peak_of_one_sample_is_drawn_beside_the_calm_run(page):
     low, high = (10**end for end in axis["range"])
     assert low < 0.5 < 5e8 < high
     assert 3 in [shape.get("y0") for shape in speed["layout"]["shapes"]]  # the limit
-
-
-def test_a_run_has_one_colour_and_one_time_axis_everywhere(page):
-    figures = figures_of(page)
-    colours = {
-        (trace["legendgroup"], trace.get("line", trace.get("marker"))["color"])
-        for figure in figures
-        for trace in figure["data"]
-    }
-    assert len(figures) == page.count('class="plot"') > 8
-    assert len(colours) == len({run for run, _ in colours}) == len({c for _, c in colours}) == 2
-    ranges = {
-        tuple(axis["range"])
-        for figure in figures
-        for name, axis in figure["layout"].items()
-        if name.startswith("xaxis")
-    }
-    assert ranges == {(0.0, 89.99)}
-
-
-def test_the_time_near_the_pole_is_shaded_and_the_closest_approach_marked(page):
-    layout = figures_of(page)[0]["layout"]
-    bands = [(shape["x0"], shape["x1"]) for shape in layout["shapes"] if "fillcolor" in shape]
-    assert bands == [(45.67, 45.67)]
-    (note,) = layout["annotations"]
-    assert note["text"] == "4.06 deg from the pole of XYZ, at 45.670 s"
-
-
-def test_parameters_that_differ_are_highlighted_and_the_others_folded(page):
-    assert differing_in(page) == [("/clik k_Po", ["100", "2.5"])]
-    folded = folded_in(page)
-    assert "<th>/clik orientation</th>" in folded
-    assert "k_Po" not in folded
 
 
 def test_text_of_a_bag_is_escaped_everywhere(tmp_path):
@@ -281,34 +221,6 @@ def test_dynamic_control_shows_its_efforts_and_its_lyapunov_function(tmp_path):
     assert lyapunov["layout"]["yaxis"]["type"] == "log"
     for equation in ("(30)", "(42)", "(38)", "(40)"):
         assert equation in text
-
-
-def test_the_axis_of_v_is_logarithmic_however_little_v_changes(tmp_path):
-    run = recorded(tmp_path / "run", [0.2, 0.1], [0.2, 0.1], parameters=GAINS)
-    text = page_of(tmp_path, [run], "", "")
-    assert figure_of(text, "Lyapunov function")["layout"]["yaxis"]["type"] == "log"
-    assert figure_of(text, "Orientation error")["layout"]["yaxis"]["type"] == "linear"
-
-
-def test_a_run_without_efforts_has_no_line_among_those_of_one_that_has_some(tmp_path):
-    kinematic = recorded(tmp_path / "clik", [1.0, 0.5], [1.0, 0.5], parameters=GAINS)
-    text = page_of(tmp_path, [kinematic, dynamic(tmp_path / "dynamic", [3.0, -8.0])], "", "")
-    for title in ("Effort", "Effort of each joint"):
-        panel = panels_of(text)[title]
-        names = {trace["name"] for figure in panel for trace in figure["data"]}
-        assert names == {"dynamic"}
-    assert {trace["name"] for trace in figure_of(text, "Servo")["data"]} == {"clik"}
-    assert len(figure_of(text, "Lyapunov function")["data"]) == 2
-
-
-def test_the_error_of_the_arm_itself_is_drawn_of_each_run_where_one_has_a_command(tmp_path):
-    kinematic = recorded(tmp_path / "clik", [1.0, 0.5], [1.0, 0.0], parameters=GAINS)
-    runs, first = [kinematic, dynamic(tmp_path / "dynamic", [3.0, -8.0])], BY_NAME[MEASURED]
-    text = page_of(tmp_path, runs, "", "", first=first.name)
-    assert titles_of(text)[0] == first.title
-    ends = {trace["name"]: array(trace["y"])[-1] for trace in figure_of(text, first.title)["data"]}
-    assert ends == pytest.approx({"clik": np.degrees(0.5), "dynamic": np.degrees(1e-7)})
-    assert first.title not in titles_of(page_of(tmp_path, runs[1:], "", ""))
 
 
 def test_parameters_are_compared_between_the_runs_that_have_their_node(tmp_path):
@@ -388,12 +300,6 @@ def test_a_prediction_is_drawn_dashed_and_its_text_stands_above(tmp_path):
     assert effort["layout"]["yaxis"]["range"][1] > 9.9
 
 
-def test_a_prediction_of_no_quantity_is_refused(tmp_path):
-    wrong = Prediction("efort", "", np.zeros(2), np.zeros(2))
-    with pytest.raises(UnknownNameError, match=r"unknown quantity 'efort'.*did you mean 'effort'"):
-        page_of(tmp_path, [digest_of(tmp_path / "run")], "", "", predictions=[wrong])
-
-
 def test_both_kinds_of_singularity_are_shaded_each_in_its_own_way(tmp_path):
     runs = [
         digest_of(tmp_path / "a", near_pole=[(0.1, 0.2)], near_singular=[(0.3, 0.4)]),
@@ -426,74 +332,3 @@ def test_the_pole_of_each_sequence_is_marked_and_no_note_is_outside(tmp_path):
     assert len({note["yshift"] for note in notes}) == 2  # on lines of their own
     assert layout["margin"]["t"] >= 14 * 2
     assert [s["x0"] for s in layout["shapes"] if s.get("yref") == "paper"] == [0.01, 0.48]
-
-
-def test_quantities_with_a_group_have_a_section_and_a_link_to_it(tmp_path, monkeypatch):
-    grouped = replace(BY_NAME["position_error"], group="Errors & more")
-    plain = [BY_NAME[name] for name in ("orientation_error", "joint_speed", "effort")]
-    monkeypatch.setattr(charts, "EVERYTHING", (*plain, grouped, BY_NAME["joint_speeds"]))
-    text = page_of(tmp_path, [digest_of(tmp_path / "run")], "", "")
-    links = dict(re.findall(r'<a href="#(section-\d)">(.*?)</a>', text))
-    assert list(links.values()) == [
-        "Over time",
-        "Errors &amp; more",
-        "Each joint",
-        "Numbers",
-        "Parameters",
-    ]
-    for anchor, title in links.items():
-        section = re.search(rf'<details class="section" id="{anchor}".*?<h2>(.*?)</h2>', text)
-        assert section is not None
-        assert section[1] == title
-    assert text.index("<h3>Position error</h3>") > text.index("<h2>Errors &amp; more</h2>")
-
-
-def test_values_of_any_sign_and_size_are_seen_whole_on_axes_of_equal_length(tmp_path):
-    run, t = digest_of(tmp_path / "run"), np.array([0.0, 0.5])
-
-    def axes_of(title: str, **curves: list[Curve]) -> list[list[float]]:
-        text = page_of(tmp_path, [replace(run, curves={**run.curves, **curves})], "", "")
-        return [figure["layout"]["yaxis"]["range"] for figure in panels_of(text)[title]]
-
-    ((low, high),) = axes_of("Effort", effort=[Curve(t, np.array([-3.0, 1.0]))])
-    assert low < -3
-    assert high > 1
-    far, near = (
-        axes_of(FORCES, f=[Curve(t, np.array([at, at + change])) for change in (0.5, 1.0, -1.0)])
-        for at in (10.0, 0.0)
-    )
-    assert [high - low for low, high in far] == pytest.approx([1.1] * 3)
-    assert [(high + low) / 2 for low, high in far] == pytest.approx([10.25, 10.5, 9.5])
-    assert near == [pytest.approx([-1.1, 1.1])] * 3
-
-
-def test_many_runs_are_described_by_the_largest_and_the_smallest(tmp_path):
-    run = digest_of(tmp_path / "run")
-    runs = [
-        replace(run, path=Path(f"/{x}"), highest={"orientation_error": x})
-        for x in (2.0, 5, 1, 3, 4)
-    ]
-    assert describe(runs) == "Largest orientation error: 5.00 deg (5) to 1.00 deg (1)."
-    assert describe(runs[:2]) == "Largest orientation error: 2.00 deg (2.0), 5.00 deg (5)."
-
-
-def test_a_long_name_is_short_on_its_button_and_whole_elsewhere(tmp_path):
-    name = "a_run_with_a_name_" + "x" * 60 + "_end"
-    text = page_of(tmp_path, [digest_of(tmp_path / "run", path=tmp_path / name)], "", "")
-    text = text.replace("<wbr>", "")
-    button = re.search(r"<button[^>]*data-run[^>]*>.*?</button>", text)
-    assert button is not None
-    assert f'title="{name}: hide or show"' in button[0]
-    assert re.sub("<.*?>", "", button[0]) == f"a_run_wi…{name[-22:]}"
-    assert f'<span class="name">{name}</span>' in text
-
-
-def test_without_the_3d_library_there_is_a_page(tmp_path, monkeypatch):
-    run = digest_of(tmp_path / "run")
-    with monkeypatch.context() as without:
-        without.setattr(html, "find_spec", lambda name: None)
-        viewer.cache_clear()
-        assert viewer() == ""
-        write_page(tmp_path / "page.html", [run], "", "")
-    viewer.cache_clear()
-    assert len(viewer()) > 500_000

@@ -243,15 +243,6 @@ def test_text_of_a_bag_is_no_script(page):
     assert page.locator("img:not(.printed)").count() == 0
 
 
-def test_a_link_opens_its_section_and_plots_in_sight_are_drawn(page):
-    last = page.locator(".plot").last
-    assert last.locator("path").count() == 0
-    page.locator("nav a", has_text="Each joint").click()
-    last.scroll_into_view_if_needed()
-    wait_for(page, "!!window.page.plots.at(-1).line")
-    assert last.locator(".scatterlayer path").count() > 0
-
-
 # --- one time axis ---------------------------------------------------------------------------
 def assert_zoomed(page: Page, start: float, end: float, tolerance: float = 0.01) -> None:
     for shown in in_sight(page, "p.graph.layout.xaxis.range"):
@@ -292,21 +283,6 @@ def test_pointing_at_a_plot_shows_the_instant_everywhere_and_a_click_keeps_it(pa
     page.mouse.move(1, 1)
     assert now(page) == pytest.approx(time, abs=0.01)
     assert line_times(page)[0] == pytest.approx(time, abs=0.01)
-
-
-def test_the_buttons_of_a_plot_cover_none_of_its_lines(page):
-    lines = page.locator(".graph .nsewdrag").first
-    lines.hover()
-    plotted, buttons = (at.bounding_box() for at in (lines, page.locator(".modebar").first))
-    assert buttons["y"] > plotted["y"] + plotted["height"]
-
-
-def test_the_slider_sets_the_time_of_plots_and_replay(page):
-    page.locator("#time").focus()
-    for key, time in (("End", END), ("Home", 0)):
-        page.keyboard.press(key)
-        assert now(page) == time
-        assert line_times(page)[0] == pytest.approx(time, abs=0.01)
 
 
 # --- the replay ------------------------------------------------------------------------------
@@ -380,33 +356,6 @@ def test_play_moves_the_robot_until_the_end_and_space_and_arrows_do_as_they_say(
     page.select_option("#speed", "1")
 
 
-def test_dragging_turns_the_view_and_the_wheel_enlarges_it(page):
-    camera = "window.page.replay.stage.camera.position.toArray()"
-    before = page.evaluate(camera)
-    box = page.locator("#replay canvas").bounding_box()
-    assert box is not None
-    page.mouse.move(box["x"] + 100, box["y"] + 100)
-    page.mouse.down()
-    page.mouse.move(box["x"] + 160, box["y"] + 120)
-    page.mouse.up()
-    turned = page.evaluate(camera)
-    assert turned != before
-    distance = page.evaluate("window.page.replay.stage.orbit.distance")
-    page.mouse.wheel(0, -300)
-    wait_for(page, f"window.page.replay.stage.orbit.distance < {distance}")
-    page.click("#fit")
-    assert page.evaluate("window.page.replay.stage.orbit.distance") == pytest.approx(distance)
-
-
-def test_the_replay_can_be_kept_in_sight(page):
-    page.click("#pin")
-    page.evaluate("scrollTo(0, document.body.scrollHeight)")
-    box = page.locator("#replay canvas").bounding_box()
-    assert box is not None
-    assert 0 < box["y"] < SIZE["height"] - box["height"]
-    page.click("#pin")
-
-
 # --- the look --------------------------------------------------------------------------------
 def test_a_run_that_is_hidden_is_hidden_everywhere(page):
     page.click("[data-run='0']")
@@ -417,23 +366,6 @@ def test_a_run_that_is_hidden_is_hidden_everywhere(page):
     assert page.evaluate(drawn) == [False, True]
     page.click("[data-run='0']")
     assert page.evaluate(drawn) == [True, True]
-
-
-def test_the_page_is_dark_where_the_system_is_and_the_button_turns_it(page):
-    colour = "getComputedStyle(document.body).backgroundColor"
-    font = "window.page.plots[0].graph.layout.font.color"
-    light = page.evaluate(colour), page.evaluate(font)
-    page.emulate_media(color_scheme="dark")
-    wait_for(page, f"{font} !== '{light[1]}'")
-    dark = page.evaluate(colour), page.evaluate(font)
-    assert dark[0] != light[0]
-    page.click("#theme")
-    wait_for(page, f"{font} === '{light[1]}'")
-    assert page.evaluate(colour) == light[0]
-    page.click("#theme")
-    wait_for(page, f"{font} === '{dark[1]}'")
-    page.emulate_media(color_scheme="light")
-    page.click("#theme")
 
 
 def test_on_paper_the_plots_fit_and_are_light_and_the_replay_is_a_picture(page):
@@ -454,34 +386,6 @@ def test_on_paper_the_plots_fit_and_are_light_and_the_replay_is_a_picture(page):
     assert max(widths[1:]) == 334
     assert picture.startswith("data:image/png;base64,")
     wait_for(page, "window.page.plots[0].graph._fullLayout.width !== 680")
-
-
-def test_nothing_sticks_out_of_a_narrow_window(page):
-    page.set_viewport_size({"width": 800, "height": 800})
-    wait_for(page, "window.page.plots[0].graph._fullLayout.width > 700")
-    wait_for(page, "document.documentElement.scrollWidth <= 800")
-    outside = page.evaluate(
-        """(() => {
-          const {graph} = window.page.plots[0];
-          const frame = graph.getBoundingClientRect();
-          return [...graph.querySelectorAll("text")].map(text => text.getBoundingClientRect())
-            .filter(box => box.left < frame.left || box.right > frame.right ||
-                           box.top < frame.top || box.bottom > frame.bottom).length;
-        })()"""
-    )
-    assert outside == 0
-
-
-def test_on_a_telephone_the_runs_scroll_away_with_the_page(page):
-    def top() -> float:
-        return float(page.evaluate("document.querySelector('.bar').getBoundingClientRect().top"))
-
-    page.evaluate("scrollTo(0, document.body.scrollHeight)")
-    assert top() == 0
-    page.set_viewport_size({"width": 420, "height": 800})
-    page.evaluate("scrollTo(0, document.body.scrollHeight)")
-    assert top() < -1000
-    assert page.evaluate("document.documentElement.scrollWidth") <= 420
 
 
 def test_without_webgl_there_is_a_message_and_all_the_rest(browser, file):

@@ -9,16 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eulerparams_control.analysis.charts import Chart, Line
 from eulerparams_control.analysis.verdict import Verdict
-from eulerparams_control.errors import UnknownNameError
 from eulerparams_control.lab.experiments import main as executable
 from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.experiments.evaluate import (
     FIGURE,
     REPORT,
     Outcome,
-    chart_svg,
     judge,
     look,
     write_summary,
@@ -26,10 +23,7 @@ from eulerparams_control.lab.experiments.evaluate import (
 from eulerparams_control.lab.experiments.library import Result, e1, library_names, run_library
 from eulerparams_control.lab.experiments.model import (
     FORMS,
-    ChartOf,
-    Criterion,
     Experiment,
-    Predicted,
     equation,
 )
 from eulerparams_control.lab.experiments.paper import (
@@ -90,11 +84,6 @@ def test_an_equation_that_is_wrong_in_print_says_so():
     assert equation("(28)").printed == ""
 
 
-def test_an_equation_that_the_paper_does_not_have_is_refused():
-    with pytest.raises(UnknownNameError, match="unknown equation '\\(99\\)'"):
-        equation("(99)")
-
-
 # --- the sentence, the table, the file ----------------------------------------------------------
 @pytest.mark.parametrize(
     ("outcomes", "words"),
@@ -143,7 +132,7 @@ def test_an_experiment_is_met_or_missed_only_if_it_was_judged(tmp_path, verdicts
 def test_the_summary_of_the_paper_has_all_that_the_page_has(tmp_path):
     values = [verdict(8.0), verdict(7.9, variant="b"), verdict(7.95, variant="c")]
     found = [
-        outcome(tmp_path, "e17", *values, verdict(math.inf, met=False, text="u")),
+        outcome(tmp_path, "e17", *values, verdict(text="u"), verdict(math.inf, False, "b", "u")),
         outcome(tmp_path, "robots", error="a node died"),
     ]
     write_paper_summary(tmp_path / "summary.json", found)
@@ -151,7 +140,7 @@ def test_the_summary_of_the_paper_has_all_that_the_page_has(tmp_path):
     assert content["headline"] == "0 of 1 claims of the paper met; not met: E17."
     first, second = content["experiments"]
     assert (first["experiment"], first["met"], first["claim_of_paper"]) == ("e17", False, True)
-    assert [c["measured"] for c in first["criteria"]] == ["7.90 to 8.00 Nm", "inf Nm"]
+    assert [c["measured"] for c in first["criteria"]] == ["7.90 to 8.00 Nm", "7.90 to inf Nm"]
     assert [c["met"] for c in first["criteria"]] == [True, False]
     assert (second["error"], second["claim_of_paper"]) == ("a node died", False)
     assert paper_table(found, 120).row_count == 2
@@ -184,21 +173,6 @@ def test_a_section_has_equations_numbers_figure_command_and_link(tmp_path):
     assert re.findall(r'(?:src|href)="(?!#|e17/)', page) == []  # it loads nothing
 
 
-def test_what_is_missing_is_said_and_an_error_with_the_last_words_of_the_node(tmp_path):
-    said = "a: the node clik died with exit code 1:\n  parameter 'k_Po' is -5"
-    met, empty = outcome(tmp_path, "e17", verdict()), outcome(tmp_path, "e18")
-    page = text_of(tmp_path, met, empty)
-    assert "No figure: no run has recorded its quantity" in page
-    assert "it has no page" in page
-    assert ">nothing</td>" in page  # measured of e18
-    assert page.count("not met") == 0
-    assert page.count("not judged") == 3  # in the sentence, its row and its section
-    page = text_of(tmp_path, outcome(tmp_path, "e17", error=said))
-    assert "could not run" in page
-    assert "the node clik died with exit code 1:\n  parameter &#39;k_Po&#39; is -5" in page
-    assert "No figure: the experiment could not run" in page
-
-
 def test_what_comes_from_files_is_escaped(tmp_path):
     evil = Verdict(EVIL, EVIL, EVIL, 1.0, EVIL, EVIL, True)
     experiment = Experiment("e1", EVIL, (EVIL,), {}, (), source=EVIL)
@@ -209,32 +183,7 @@ def test_what_comes_from_files_is_escaped(tmp_path):
     assert "default-src 'none'" in page
 
 
-def test_what_goes_beyond_the_paper_has_a_table_of_its_own(tmp_path):
-    page = text_of(tmp_path, outcome(tmp_path, "e1", verdict()), outcome(tmp_path, "robots"))
-    assert "Beyond the paper: 0 of 1 met." in page
-    assert page.index('id="e1"') < page.index("Beyond the paper") < page.index('id="robots"')
-
-
 # --- charts -----------------------------------------------------------------------------------
-def test_a_chart_draws_its_lines_and_nothing_twice():
-    lines = (
-        Line("theory", ((1.0, 1.0), (10.0, 0.1)), "predicted"),
-        Line("bound", ((1.0, 2.0), (10.0, 2.0)), "bound"),
-        Line("a $ name", ((1.0, 1.1), (10.0, 0.11))),
-    )
-    drawn = chart_svg(Chart("x", "y", lines, "xy"))
-    assert drawn.startswith("<svg")
-    assert drawn == chart_svg(Chart("x", "y", lines, "xy"))
-    assert drawn != chart_svg(Chart("x", "y", lines[:2], "xy"))
-    assert chart_svg(Chart("x", "y", (Line("none", ()),), ticks=("a", "b")))
-
-
-def test_a_chart_leaves_out_what_did_not_run():
-    lines = {"a": {"first": 1.0, "second": 2.0}}
-    chart = ChartOf("peak_joint_speed", "x", lines, {"theory": ((1.0, 3.0),)})
-    filled = chart.filled(lambda metric, variant: 5.0 if variant == "first" else None)
-    assert filled.lines == (Line("theory", ((1.0, 3.0),), "predicted"), Line("a", ((1.0, 5.0),)))
-    assert filled.ylabel == "Largest joint speed [rad/s]"
 
 
 # --- the executable ----------------------------------------------------------------------------
@@ -248,11 +197,6 @@ def test_the_exit_code_says_whether_claims_are_met(tmp_path, monkeypatch, verdic
     assert executable.main(["--paper", "e2", "--out", str(tmp_path)]) == code
     assert (tmp_path / "index.html").is_file()
     assert json.loads((tmp_path / "summary.json").read_text())["experiments"]
-
-
-def test_an_experiment_named_twice_is_refused(tmp_path, capsys):
-    assert executable.main(["e2", "e2", "--out", str(tmp_path)]) == 2
-    assert "named twice: e2" in capsys.readouterr().out
 
 
 def test_a_library_experiment_leaves_what_any_experiment_leaves(tmp_path):
@@ -330,19 +274,6 @@ def test_a_wrong_T_or_its_derivative_is_found(monkeypatch, name, wrong, left):
     assert {name for name in ("(24)", "(38)", "(50)") if found[name] > 1.0} == left
 
 
-def test_a_library_experiment_that_does_not_exist_is_refused_with_those_that_do():
-    with pytest.raises(UnknownNameError, match="unknown library experiment 'e9'; known: closed_p"):
-        run_library("e9")
-
-
-def test_a_number_that_the_library_does_not_have_is_refused():
-    criterion = Criterion(number="slop", below=1.0)
-    experiment = Experiment("x", "claim", (), {}, (criterion,), library="e2")
-    assert judge(experiment, {}) == []
-    with pytest.raises(UnknownNameError, match=r"'slop' \(did you mean 'slope'\?\)"):
-        judge(experiment, {}, result_of("e2").numbers)
-
-
 # --- predictions over time --------------------------------------------------------------------
 def test_a_small_error_by_41_decays_as_the_linear_equation_says():
     k_V = 10.0  # with k_Po = 50 the roots are -5 (1 +- j sqrt(0))
@@ -358,11 +289,3 @@ def test_an_error_next_to_Q1_grows_at_the_rate_of_the_paper_and_comes_the_long_w
     assert np.polyfit(t[early], np.log(error[early]), 1)[0] == pytest.approx(rate, rel=1e-3)
     assert error.max() == pytest.approx(180, abs=1)
     assert error[-1] < 1
-
-
-def test_a_value_is_a_line_over_the_time_of_the_runs_and_points_stay_what_they_are():
-    curve = Predicted("force", "theory", ((0.0, 9.5),)).over(3.0)
-    assert (curve.quantity, curve.text) == ("force", "theory")
-    np.testing.assert_array_equal([curve.t, curve.y], [[0.0, 3.0], [9.5, 9.5]])
-    curve = Predicted("force", "theory", ((0.0, 1.0), (2.0, 5.0))).over(3.0)
-    np.testing.assert_array_equal([curve.t, curve.y], [[0.0, 2.0], [1.0, 5.0]])

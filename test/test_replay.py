@@ -8,25 +8,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from synthetic_runs import URDF, recorded, write_run
+from synthetic_runs import URDF, recorded
 
-from eulerparams_control.analysis.decimation import packed, packed_reals
 from eulerparams_control.analysis.digest import Digest, Track
 from eulerparams_control.analysis.drawn_robot import (
     Mesh,
     drawn_robot,
     find_mesh,
-    mesh_folders,
     read_meshes,
-    simplified,
 )
 from eulerparams_control.analysis.html import as_json
-from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.replay import ARROW, replay
-from eulerparams_control.errors import RobotError
 from eulerparams_control.resources import config_names
 from eulerparams_control.robot.catalogue import load_robot
-from eulerparams_control.robot.robot import Robot
 
 MOST = 100_000  # triangles
 ROBOT_BYTES = 2_000_000
@@ -70,16 +64,6 @@ def drawn(urdf: str) -> tuple[dict[str, Any], list[str]]:
 
 
 # --- meshes ----------------------------------------------------------------------------------
-def test_a_mesh_of_fewer_triangles_is_the_same_surface():
-    whole = sphere(100)
-    assert simplified(whole, len(whole.triangles)) is whole
-    few = simplified(whole, 2000)
-    assert 500 < len(few.triangles) <= 2000
-    assert np.linalg.norm(few.vertices, axis=1) == pytest.approx(1, abs=0.02)
-    assert few.vertices.min(axis=0) == pytest.approx(-1, abs=0.05)
-    a, b, c = (few.vertices[few.triangles[:, i]] for i in range(3))
-    outward = np.einsum("ij,ij->i", np.cross(b - a, c - a), a + b + c)
-    assert (outward * np.sign(outward.sum()) > -1e-9).mean() > 0.99  # all face the same way
 
 
 def test_a_mesh_is_read_from_its_file_and_a_broken_one_is_not(tmp_path):
@@ -162,33 +146,6 @@ def test_each_robot_is_drawn_with_all_its_meshes_and_is_small(name):
 
 
 # --- robots ----------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("geometry", "expected"),
-    [
-        ("<box size='1 2 3'/>", {"box": [1, 2, 3]}),
-        ("<sphere radius='0.5'/>", {"sphere": [0.5]}),
-        ("<cylinder radius='0.5' length='2'/>", {"cylinder": [0.5, 2]}),
-    ],
-)
-def test_simple_shapes_are_drawn(geometry, expected):
-    colour = "<material name='m'><color rgba='1 0.5 0 1'/></material>"
-    (visual,) = drawn(with_visual(geometry, material=colour))[0]["visuals"]
-    place = {"link": "rod", "xyz": [0.5, 0, 0], "rpy": [0, 0, 0], "colour": "#ff8000"}
-    assert visual == place | expected
-
-
-def test_a_mesh_that_two_links_share_is_in_the_page_once(share):
-    file = write_stl(share / "ball.stl", sphere(10))
-    mesh = f"<mesh filename='file://{file}' scale='0.1 0.1 0.1'/>"
-    urdf = with_visual(mesh).replace('<link name="arm">', f'<link name="arm">{visual_of(mesh)}')
-    data, missing = drawn(urdf)
-    assert missing == []
-    assert [visual["mesh"] for visual in data["visuals"]] == [0, 0]
-    assert [visual["scale"] for visual in data["visuals"]] == [[0.1] * 3] * 2
-    (found,) = data["meshes"]
-    steps = unpacked(found["vertices"], -1, 3)
-    vertices = np.array(found["low"]) + np.array(found["step"]) * steps
-    assert np.linalg.norm(vertices, axis=1) == pytest.approx(1, abs=1e-3)
 
 
 def visual_of(geometry: str) -> str:
@@ -208,29 +165,12 @@ def test_where_meshes_are_missing_bones_are_drawn_and_the_page_says_which(tmp_pa
     assert note == f"Meshes not found, bones are drawn: {mesh}."
 
 
-@pytest.mark.parametrize("size", ["1 2", "1 2 nan", "1 2 x"])
-def test_numbers_that_are_none_are_refused(size):
-    with pytest.raises(RobotError, match=r"expected 3 (finite )?numbers"):
-        drawn(with_visual(f"<box size='{size}'/>"))
-
-
 def test_a_robot_that_cannot_be_drawn_is_left_out_with_a_note(tmp_path):
     run = Digest.of(recorded(tmp_path / "run", [0.1, 0.2]))
     found = replay([replace(run, urdf="<robot/>"), run])
     assert found.data["robots"][0] is None
     assert found.data["robots"][1] is not None
     assert [note.partition(":")[0] for note in found.notes] == ["The robot cannot be drawn"]
-
-
-def test_runs_of_the_same_robot_share_it(tmp_path):
-    paths = [write_run(tmp_path / name, [0.1, 0.2]) for name in ("a", "b")]
-    runs = [Digest.of(load(path)) for path in paths]
-    longer = URDF.replace('<origin xyz="1 0 0"/>', '<origin xyz="2 0 0"/>')
-    runs.append(replace(runs[0], urdf=longer, robot=Robot(longer, "base", "tip")))
-    found = replay(runs).data
-    assert len(found["robots"]) == 2
-    assert [run["robot"] for run in found["runs"]] == [0, 0, 1]
-    assert mesh_folders(URDF)
 
 
 # --- motion ----------------------------------------------------------------------------------
@@ -251,13 +191,6 @@ def track(count: int = 3, **values: Any) -> Track:
 @pytest.fixture
 def digest(tmp_path: Path) -> Digest:
     return Digest.of(recorded(tmp_path / "run", [0.1, 0.2]))
-
-
-def test_what_was_not_recorded_is_not_in_the_page(digest):
-    found = replay([replace(digest, track=track())])
-    (run,) = found.data["runs"]
-    assert [run[name] for name in ("d", "c", "f", "mu")] == [None] * 4
-    assert found.layers == set()
 
 
 def test_frames_come_as_positions_and_quaternions_with_the_scalar_last(digest):
@@ -306,11 +239,3 @@ def test_many_runs_have_fewer_steps_each_with_first_and_last(digest):
         t = unpacked(run["t"])
         assert len(t) <= 751
         assert t[[0, -1]].tolist() == [0, 3000]
-
-
-def test_numbers_survive_packing():
-    values = np.array([1.5, -2.0, np.nan, 1e300, -np.inf])
-    found = unpacked(packed_reals(values))
-    largest = np.finfo(np.float32).max
-    np.testing.assert_array_equal(found, np.array([1.5, -2, np.nan, largest, -largest], "f4"))
-    assert unpacked(packed(np.array([1, 65535], dtype=np.uint16))).tolist() == [1, 65535]

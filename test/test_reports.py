@@ -23,7 +23,6 @@ from eulerparams_control.analysis.arm import Options
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.loading import blocks, load
 from eulerparams_control.analysis.page import write_page
-from eulerparams_control.analysis.reports import _LONGEST, _MOST
 from eulerparams_control.bags import Bag
 from eulerparams_control.bags.format import BagFlaw
 from eulerparams_control.bags.reader import RawMessage
@@ -113,36 +112,6 @@ def test_each_change_is_told_once_with_its_time_and_what_to_do(tmp_path, size, l
     assert list(digest.reports) == told(NEW)
 
 
-def test_of_a_part_of_the_run_what_was_said_in_it_is_told(tmp_path):
-    path = write_story(tmp_path, STORY)
-    for size in (0, 10):
-        parts = blocks(path, Options(start=0.25, end=0.65), size=size)
-        # and what was said last before it
-        assert [one for part in parts for one in part.reports] == told(NEW[:4])
-    (part,) = blocks(path, Options(start=0.65))
-    assert list(part.reports) == told(NEW[2:])
-
-
-def test_what_was_said_after_the_clock_jumped_back_is_left_out(tmp_path):
-    first = write_story(tmp_path / "1", STORY)
-    again = [  # the same stamps
-        m._replace(log_time=m.log_time + shift, publish_time=m.publish_time + shift)
-        for shift in (0, 2_000_000_000)
-        for m in Bag(first).read_raw()
-    ]
-    run = write_messages(tmp_path / "run", topics_of(first), again)
-    for size in (0, 30):
-        digest = Digest.of_parts(blocks(run, size=size))
-        assert "jump back" in digest.warning
-        assert list(digest.reports) == told(NEW)
-
-
-def test_what_was_said_before_the_first_and_after_the_last_state_is_told(tmp_path):
-    before, after = (-0.5, "clik", OK, "waiting", ""), (2.5, "clik", WARN, "inactive", "")
-    run = load(write_story(tmp_path, [before, *STORY, after]))
-    assert list(run.reports) == told([before, *NEW, after])
-
-
 @pytest.mark.parametrize(
     ("said", "told_of"),
     [
@@ -164,40 +133,6 @@ def test_the_nodes_of_another_arm_are_not_told_and_those_of_none_are(tmp_path, s
     for side, names in told_of.items():
         run = load(bag, namespace=side)
         assert sorted(report.node for report in run.reports) == names
-
-
-def test_of_what_flickers_first_and_last_are_told_and_all_errors_of_others(tmp_path):
-    count = 2 * _MOST + 30
-    story = [(1e-3 * k, "clik", WARN, f"{k}", "") for k in range(count)]
-    story.insert(_MOST + 10, (0.0605, "clik", ERROR, "the fault", ""))
-    story.insert(_MOST + 20, (0.0705, "pybullet_bridge", ERROR, "braked", ""))
-    for size in (0, 5):
-        digest = Digest.of_parts(blocks(write_story(tmp_path / f"{size}", story), size=size))
-        messages = [report.message for report in digest.reports if report.level == "warning"]
-        assert messages == [f"{k}" for k in (*range(_MOST), *range(count - _MOST, count))]
-        errors = [report.message for report in digest.reports if report.level == "error"]
-        assert errors == ["the fault", "braked"]
-        assert digest.reports_left_out == count - 2 * _MOST
-    page = tmp_path / "page.html"
-    write_page(page, [digest], "", "")
-    assert "30 more are left out" in page.read_text(encoding="utf-8")
-
-
-def test_texts_are_cut_to_a_length_and_printable(tmp_path):
-    story = [(0.1, "n" * 5000, WARN, "a\x1b\nb" + "x" * 1000, "y" * 1000)]
-    (report,) = load(write_story(tmp_path, story)).reports
-    for text in (report.node, report.message, report.remedy):
-        assert len(text) == _LONGEST
-        assert text.endswith(" ...")
-    assert report.message.startswith("a  bx")
-
-
-def test_a_remedy_that_changes_is_told_and_an_unknown_level_by_its_number(tmp_path):
-    story = [(0.1, "clik", WARN, "waits", remedy) for remedy in ("one", "two")]
-    run = load(write_story(tmp_path / "1", story))
-    assert [report.remedy for report in run.reports] == ["one", "two"]
-    run = load(write_story(tmp_path / "2", [(0.1, "clik", b"\x07", "odd", "")]))
-    assert [report.level for report in run.reports] == ["level 7"]
 
 
 def page_of(folder: Path, story: Sequence[Saying]) -> str:
@@ -243,11 +178,6 @@ def test_a_trajectory_that_comes_later_than_it_was_sent_to_be_is_a_warning_once(
         warns = delays and trajectory
         assert digest.warning.count("has to wait, first at 0.250 s") == warns
         assert ("wait" in digest.warning) == warns
-
-
-def test_what_is_said_after_the_last_state_delays_nothing(tmp_path):
-    path = write_story(tmp_path, [STORY[0], (2.5, "clik", WARN, "slow", SLOW)], lasting=0.5)
-    assert "wait" not in load(path).warning
 
 
 # --- what was made of a reference ------------------------------------------------------------
@@ -338,17 +268,3 @@ def test_targets_that_led_the_arm_besides_the_reference_are_named(tmp_path, sent
     words = f"; {' and '.join(sent)} led the arm, too, but do not count here" if sent else ""
     assert digest.warning.count("led the arm") == bool(sent)
     assert words in digest.warning
-
-
-def test_of_two_controllers_it_is_not_known_which_one_leads_the_arm(tmp_path):
-    run = load(write_made(tmp_path, 0.5, 1.0, ("clik", "impedance_control")))
-    assert run.shaped is None
-    assert [one.kind for one in run.warnings] == [BagFlaw.DELAY]
-
-
-def test_the_page_draws_what_was_made_over_what_was_asked(tmp_path):
-    run = load(write_made(tmp_path, 0.5, 1.0))
-    write_page(tmp_path / "page.html", [Digest.of(run)], "", "")
-    text = (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert "What was made of the references" in text
-    assert "as asked: run</li>" in text

@@ -6,7 +6,6 @@ to files outside ``docs`` lead to copies of them.
 
 import contextlib
 import io
-import json
 import re
 from collections.abc import Iterator
 from dataclasses import fields
@@ -157,18 +156,7 @@ def watch_words(_: str) -> str:
     return table("mode, what it does, remedy", rows)
 
 
-def bench(_: str) -> str:
-    """Return the newest of each ratio that was measured without other load."""
-    newest: dict[tuple[str, str], tuple[str, ...]] = {}
-    lines = (ROOT / "benchmarks" / "history.jsonl").read_text(encoding="utf-8").splitlines()
-    for run in map(json.loads, lines):
-        for name, case, ratio, text in run["rows"] if not run["loaded"] else ():
-            newest[name, case] = (name, case, f"{ratio:.2f}", text, f"`{run['commit']}`")
-    return table("what, case, ratio, measured, commit", iter(newest.values()))
-
-
 GENERATORS = {
-    "bench": bench,
     "parameters": parameter_table,
     "options": options,
     "robots": robots,

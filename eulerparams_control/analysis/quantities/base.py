@@ -114,14 +114,12 @@ class Metric(NamedTuple):
         compute: from a recording.
         unit: of the number; "" if it has none.
         description: in words.
-        raw: whether it reads the bag itself, whatever part of the run is in memory.
         of_parts: makes the number of a run from those of its parts.
     """
 
     compute: Callable[..., float]
     unit: str
     description: str
-    raw: bool = False
     of_parts: Callable[[list[float]], float] = max
 
 
@@ -187,7 +185,6 @@ def row(place: float, title: str, metric: str, needs: str = "", **options: str) 
 
 def metric(
     unit: str,
-    raw: bool = False,
     *,
     name: str = "",
     text: str = "",
@@ -197,8 +194,8 @@ def metric(
 
     Args:
         unit: of the number.
-        raw, of_parts: see :class:`Metric`.
         name, text: instead, of a function that has none.
+        of_parts: see :class:`Metric`.
     """
 
     def register(function: Callable[..., float]) -> Callable[..., float]:
@@ -206,7 +203,7 @@ def metric(
         quiet = np.errstate(over="ignore", invalid="ignore")  # of a run that diverged
         if (called := name or function.__name__) in METRICS:
             raise ValueError(f"there is a metric {called} already")
-        METRICS[called] = Metric(quiet(function), unit, description, raw, of_parts)
+        METRICS[called] = Metric(quiet(function), unit, description, of_parts)
         return function
 
     return register

@@ -82,7 +82,7 @@ def _command(recording: Recording) -> tuple[str, Wire]:
     raise BagError(f"{recording.path} has no joint_reference and no joint_effort")
 
 
-@metric("", raw=True)
+@metric("")
 def nonfinite_commands(recording: Recording) -> float:
     """Commands with a number that is not finite, or without one for each joint."""
     _, found = _command(recording)
@@ -90,7 +90,7 @@ def nonfinite_commands(recording: Recording) -> float:
     return float(np.any(bad, axis=0).sum() + found.broken)
 
 
-@metric("", raw=True)
+@metric("")
 def commands_beyond_limits(recording: Recording) -> float:
     """Commands with a position, a speed or an effort beyond a limit of the URDF."""
     _, found = _command(recording)
@@ -111,7 +111,7 @@ def _is_beyond(values: Array, low: Array, high: Array) -> NDArray[np.bool_]:
     return found
 
 
-@metric("", raw=True)
+@metric("")
 def command_jump_of_rate(recording: Recording, timeout: float = _TIMEOUT) -> float:
     """Largest change between two commands over what their rate limit allows.
 
@@ -141,7 +141,7 @@ def _effort_rate(recording: Recording) -> float:
     raise BagError(f"{recording.path}: no controller has told its max_effort_rate")
 
 
-@metric("", raw=True)
+@metric("")
 def peak_measured_speed_of_limit(recording: Recording) -> float:
     """Largest measured speed of a joint over its velocity limit.
 
@@ -151,14 +151,14 @@ def peak_measured_speed_of_limit(recording: Recording) -> float:
     return float(np.nanmax(np.abs(dq) / recording.robot.limits.velocity, initial=0.0))
 
 
-@metric("mm", raw=True)
+@metric("mm")
 def distance_to_goal(recording: Recording) -> float:
     """Distance of the tip from the end of the last reference, at the end."""
     p, _, p_d, _ = _ends(recording)
     return 1e3 * float(np.linalg.norm(p - p_d))
 
 
-@metric("deg", raw=True)
+@metric("deg")
 def angle_to_goal(recording: Recording) -> float:
     """Angle of the tip from the end of the last reference, at the end."""
     _, R, _, R_d = _ends(recording)

@@ -8,7 +8,6 @@ import json
 import math
 import re
 import time
-from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field, replace
@@ -21,16 +20,15 @@ from matplotlib.figure import Figure
 
 from eulerparams_control.analysis.charts import Chart, picture
 from eulerparams_control.analysis.digest import Digest
-from eulerparams_control.analysis.headline import describe, fill, placeholders
+from eulerparams_control.analysis.headline import describe, fill
 from eulerparams_control.analysis.html import write_html
 from eulerparams_control.analysis.labels import quantity
-from eulerparams_control.analysis.loading import BLOCK, blocks, load
+from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.quantities import get_metric, measure, quotient
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.static import chart_figure, image, quantity_figure, svg, write
 from eulerparams_control.analysis.verdict import Verdict, all_met, verdict_from_json
-from eulerparams_control.bags.reader import Bag
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.lab.experiments.library import Number, Result, is_map, run_library
 from eulerparams_control.lab.experiments.model import Criterion, Experiment, equation
@@ -327,37 +325,10 @@ def _stamp(experiment: Experiment, runs: Mapping[str, Run]) -> str:
 
 
 def _see(experiment: Experiment, runs: Mapping[str, Run], cells: Executor | None) -> Seen:
-    seen = _part_by_part if _is_of_bags(experiment) else _whole
-    both = {name: seen(run) for name, run in runs.items()}
-    recordings = {name: recording for name, (recording, _) in both.items()}
-    digests = {name: digest for name, (_, digest) in both.items()}
+    recordings = {name: replace(load(run.bag), diverged=run.diverged) for name, run in runs.items()}
+    digests = {name: Digest.of(recording) for name, recording in recordings.items()}
     result = run_library(experiment.library, cells) if experiment.library else Result()
     return Seen(experiment, recordings, digests, result)
-
-
-def _is_of_bags(experiment: Experiment) -> bool:
-    """Return whether all metrics are of raw messages: then a run may last hours."""
-    names = [criterion.metric for criterion in experiment.criteria if criterion.metric]
-    names += [name for name, _, _ in placeholders(experiment.summary) if name != "library"]
-    return not experiment.chart and all(get_metric(name).raw for name in names)
-
-
-def _whole(run: Run) -> tuple[Recording, Digest]:
-    recording = replace(load(run.bag), diverged=run.diverged)
-    return recording, Digest.of(recording)
-
-
-def _part_by_part(run: Run) -> tuple[Recording, Digest]:
-    """Return the digest of a run, and of its recording the last part."""
-    bag, last = Bag(run.bag), deque[Recording](maxlen=1)
-
-    def parts() -> Iterator[Recording]:
-        for part in blocks(bag, size=BLOCK):
-            last.append(replace(part, diverged=run.diverged))
-            yield last[0]
-
-    digest = Digest.of_parts(parts())
-    return last[0], digest
 
 
 def _sentence(seen: Seen) -> str:

@@ -15,10 +15,11 @@ until it is commanded; faults of messages go on meanwhile.
 The bag has joint_states and references as they were sent, commands both as the controller sent
 them and as the robot received them (``faulty/...``), and /diagnostics.
 
-Without faults, with ``real_time: true``, the bag has also what the nodes took, see ``usage``.  A
-motion that a fault, or a silence of the robot, has ended is sent again.
+Without faults, with ``real_time: true``, the bag has also the memory of the nodes.
 """
 
+import csv
+import os
 import shutil
 import threading
 import time
@@ -30,7 +31,6 @@ from typing import Any
 
 from eulerparams_control.analysis.quantities.real_time import USAGE
 from eulerparams_control.bags.recovery import recover
-from eulerparams_control.control.mode import Mode
 from eulerparams_control.errors import ConfigurationError, SimulationError
 from eulerparams_control.events import Event
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS, ControllerSetup
@@ -39,7 +39,6 @@ from eulerparams_control.lab.faults.base import ROBOT, Fault, parse_faults
 from eulerparams_control.lab.faults.kinds import Kill
 from eulerparams_control.lab.run.processes import Nodes, RunStopped
 from eulerparams_control.lab.run.run_cache import RunRecord
-from eulerparams_control.lab.run.usage import UsageLog
 from eulerparams_control.lab.run.yaml_checks import known, require
 
 Progress = Callable[[float], None]
@@ -52,9 +51,7 @@ OTHERS = ("reference", BRIDGE, RECORDER)
 _FIND_TIMEOUT = 15.0  # [s] for a controller to find its robot; a fault may keep them apart
 START_TIMEOUT = 60.0  # [s] for all nodes to find each other: processes start slowly under load
 _PART = "part_"  # of the bag, by a recorder that was started again
-_AGAIN = 10.0  # [s] between two motions, where faults end them
-
-_ENDED = (Mode.HOLDING, Mode.STOPPED)  # modes in which no motion is followed any more
+_EVERY = 1.0  # [s] between two samples of memory
 
 _REAL_TIME = threading.Lock()  # runs in real time take the time of the machine: one at a time
 
@@ -131,24 +128,29 @@ def kill_and_start(settings: Variant, nodes: Nodes, record: RunRecord, progress:
 
 
 def watch(settings: Variant, nodes: Nodes, record: RunRecord, progress: Progress) -> None:
-    """Sample what the nodes use until the run is over; send a motion that has ended again."""
+    """Sample the memory of the nodes until the run is over."""
     nodes.wait_for_event("reference", Event.SENT, START_TIMEOUT)
-    log = UsageLog(nodes, record.bag / USAGE)
-    (controller,) = CONTROLLERS[settings.controller].executables
-    moved, motions = time.monotonic(), 1  # that the reference was started to send
+    names = (*CONTROLLERS[settings.controller].executables, BRIDGE, "reference", RECORDER)
+    due = 0.0
+    with open(record.bag / USAGE, "w", encoding="utf-8", newline="") as file:
 
-    def look() -> None:
-        nonlocal moved, motions
-        if not log.look() or time.monotonic() - moved < _AGAIN:
-            return
-        sent = len(nodes.events("reference", Event.SENT))
-        modes = nodes.events(controller, Event.MODE)
-        if sent == motions and modes and modes[-1]["mode"] in _ENDED:
-            moved, motions = time.monotonic(), motions + 1
-            nodes.stop("reference")
-            nodes.start_again("reference")
+        def look() -> None:
+            nonlocal due
+            if time.monotonic() >= due:
+                due = time.monotonic() + _EVERY
+                sizes = [memory_of(nodes.processes[name].pid) for name in names]
+                csv.writer(file).writerow([time.time_ns(), *sizes])
 
-    nodes.play(settings.duration, progress, look=look)
+        nodes.play(settings.duration, progress, look=look)
+
+
+def memory_of(pid: int) -> float:
+    """Return the resident memory [B] of a process; NaN if it has ended."""
+    try:
+        pages = Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1]
+    except (OSError, IndexError):
+        return float("nan")
+    return float(pages) * os.sysconf("SC_PAGE_SIZE")
 
 
 def _start_again(node: str, nodes: Nodes, record: RunRecord) -> None:

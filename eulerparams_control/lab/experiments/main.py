@@ -2,10 +2,12 @@
 
 import argparse
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -17,7 +19,7 @@ from eulerparams_control.errors import ConfigurationError, EulerParamsError
 from eulerparams_control.events import ExitCode
 from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.experiments.evaluate import Outcome
-from eulerparams_control.lab.experiments.model import Experiment, Task
+from eulerparams_control.lab.experiments.model import Experiment, Task, Variant
 from eulerparams_control.lab.experiments.paper import (
     COMPARISON,
     claims_of,
@@ -31,6 +33,8 @@ from eulerparams_control.lab.experiments.runner import check_names
 from eulerparams_control.lab.experiments.schedule import Display, Schedule
 from eulerparams_control.lab.run.run_cache import locked
 from eulerparams_control.resources import config_names
+
+_LEAST, _MOST = 20.0, 360000.0  # [s] that --duration may be
 
 
 def main(args: list[str] | None = None) -> int:
@@ -105,8 +109,47 @@ def _parse(args: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--scheduler", default="", help="of Dask, tcp://HOST:8786, for the cells of maps"
     )
+    parser.add_argument(
+        "--duration", type=_seconds, help="of an experiment in real time, such as 90s, 20m or 1h"
+    )
     parser.add_argument("--again", action="store_true", help="run again what was run before")
     return parser.parse_args(args)
+
+
+def _seconds(text: str) -> float:
+    """Return a duration [s] that a person wrote: a number and its unit."""
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)([smh])", text)
+    seconds = float(found[1]) * {"s": 1, "m": 60, "h": 3600}[found[2]] if found else 0.0
+    if not _LEAST <= seconds <= _MOST:
+        raise argparse.ArgumentTypeError(
+            f"{text}; expected {_LEAST:g}s to {_MOST / 3600:g}h, such as 90s, 20m or 1h"
+        )
+    return seconds
+
+
+def lasting(experiment: Experiment, seconds: float) -> Experiment:
+    """Return an experiment in real time with another duration [s], and a circle as much slower.
+
+    Raises:
+        ConfigurationError: if it is not in real time, or has faults, which have times of their own.
+    """
+
+    def variant(given: Variant) -> Variant:
+        factor = seconds / given.duration
+        reference = {
+            name: factor * value if name in ("circle_period", "circle_ramp") else value
+            for name, value in given.nodes.get("reference", {}).items()
+        }
+        nodes = {**given.nodes, "reference": reference}
+        return replace(given, nodes=nodes, duration=seconds)
+
+    if not all(given.real_time and not given.faults for given in experiment.variants.values()):
+        raise ConfigurationError(
+            f"--duration: {experiment.name} has a duration of its own; expected an experiment "
+            "with real_time: true and without faults, such as soak"
+        )
+    variants = {name: variant(given) for name, given in experiment.variants.items()}
+    return replace(experiment, variants=variants)
 
 
 def _list(_options: argparse.Namespace, console: Console) -> list[Outcome]:
@@ -119,6 +162,8 @@ def _list(_options: argparse.Namespace, console: Console) -> list[Outcome]:
 def _run(options: argparse.Namespace, console: Console) -> list[Outcome]:
     """Run the experiments that were asked for; write the page of the paper if it was."""
     experiments = _chosen(options.names, options.paper, options.compare)
+    if options.duration:
+        experiments = [lasting(experiment, options.duration) for experiment in experiments]
     out = options.out
     one_page = options.paper or options.compare
     tasks = [Task(e, out / e.name, check_names(options.variant, e)) for e in experiments]
