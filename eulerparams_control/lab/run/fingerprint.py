@@ -29,7 +29,8 @@ def code_of_runs(faulty: bool = False) -> str:
     Args:
         faulty: whether they are runs with faults, in which one more node acts.
     """
-    return version(code_of_nodes("lab/as_shipped", *["lab/faults"] * faulty))
+    of_faults = ["lab/faults.py", "lab/fault_injector_node.py"] if faulty else []
+    return version(code_of_nodes("lab/as_shipped", *of_faults))
 
 
 @cache
@@ -38,13 +39,13 @@ def code() -> str:
     return version(path for part in _PARTS for path in _files(part))
 
 
-def code_of_nodes(*rooms: str) -> list[Path]:
-    """Return the files that nodes are made of, and those of some of the rooms they do not need."""
-    beside = tuple(_ROOT / _PACKAGES[0] / room for room in rooms)
+def code_of_nodes(*more: str) -> list[Path]:
+    """Return the files that nodes are made of, and more: folders or files of the other rooms."""
+    beside = {_ROOT / _PACKAGES[0] / path for path in more}
     return [
         path
         for path in _files("*.py")
-        if not _BESIDE & {*path.relative_to(_ROOT).parts} or path.parent in beside
+        if not _BESIDE & {*path.relative_to(_ROOT).parts} or beside & {path, path.parent}
     ]
 
 
