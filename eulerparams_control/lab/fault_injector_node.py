@@ -33,6 +33,7 @@ from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.events import Event, tell
 from eulerparams_control.lab.faults import (
+    FAULTY,
     TOPICS,
     Duplicate,
     FaultStream,
@@ -48,7 +49,6 @@ from eulerparams_control.ros.qos import QOS_STREAM, overridable
 from eulerparams_control.ros.runtime import run
 
 SECOND = "second_publisher"  # the node that publishes to the topic of another
-FAULTY = "faulty/"  # the topics that the injector publishes
 TYPES: dict[str, type] = dict.fromkeys(TOPICS, JointState)
 TYPES |= {"wrench": WrenchStamped, "reference": MultiDOFJointTrajectory}
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)

@@ -29,6 +29,9 @@ from sim_bridge.environment.keys import Keyed, any_word, keys_of, number, read, 
 TOPICS = ("joint_states", "wrench", "reference", *COMMANDS.values())
 """Those that a fault can be on."""
 
+FAULTY = "faulty/"
+"""What stands before their names, where faults are at work."""
+
 RENAMED = {
     "reorder": "'delay' with by: 0.0 and jitter: the time [s] within which messages are mixed",
     "nan": "'corrupt' with value: nan, inf, -inf or random",

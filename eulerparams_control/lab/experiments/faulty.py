@@ -33,7 +33,7 @@ from eulerparams_control.errors import ConfigurationError, SimulationError
 from eulerparams_control.events import Event
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS, ControllerSetup
 from eulerparams_control.lab.experiments.model import Variant
-from eulerparams_control.lab.faults import Fault, Kill, MessageFault, parse_faults
+from eulerparams_control.lab.faults import FAULTY, Fault, Kill, MessageFault, parse_faults
 from eulerparams_control.lab.run.processes import Nodes, RunStopped
 from eulerparams_control.lab.run.run_cache import RunRecord
 from eulerparams_control.lab.run.usage import UsageLog
@@ -42,7 +42,6 @@ from eulerparams_control.lab.run.yaml_checks import known, require
 Progress = Callable[[float], None]
 
 INJECTOR, RECORDER, BRIDGE = "fault_injector", "bag_recorder", "pybullet_bridge"
-FAULTY = "faulty/"
 OTHERS = ("reference", BRIDGE)
 """The nodes of a run besides its controller that may be killed."""
 

@@ -20,7 +20,6 @@ from eulerparams_control.events import Event, ExitCode, events_of
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.lab.experiments.faulty import (
     BRIDGE,
-    FAULTY,
     INJECTOR,
     RECORDER,
     START_TIMEOUT,
@@ -32,6 +31,7 @@ from eulerparams_control.lab.experiments.faulty import (
     watch,
 )
 from eulerparams_control.lab.experiments.model import Experiment, Parameters, Variant
+from eulerparams_control.lab.faults import FAULTY
 from eulerparams_control.lab.run.processes import EVENTS, Nodes
 from eulerparams_control.lab.run.run_cache import Making, Run, RunRecord
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
