@@ -90,7 +90,8 @@ NOT_CONFIGURED: tuple[tuple[dict[str, Any], str], ...] = (
 )
 
 MISSPELT = "{fault: drop, topic: joint_state, at: 1, for: 1}"
-JUMP = "{fault: clock_jump, topic: robot, at: 1, by: 1.0}"
+WRENCH = "{fault: drop, topic: wrench, at: 1, for: 1}"
+RENAMED = "{fault: nan, topic: wrench, at: 1, for: 1}"
 # An arm whose joints are slower than this stands [rad/s].
 AT_REST = 0.02
 
@@ -486,7 +487,8 @@ def test_a_robot_description_that_is_not_xml_is_refused_and_a_good_one_taken_aft
         ("fault_injector", {"faults": [MISSPELT]}, "(did you mean 'joint_states'?)"),
         ("fault_injector", {"faults": ["{fault: kill, node: clik, at: 1}"]}, "by the experiment"),
         ("fault_injector", {"faults": ["{fault: drop, topic"]}, "no YAML"),
-        ("fault_injector", {"topics": ["reference"], "faults": [JUMP]}, "none of joint_states, wr"),
+        ("fault_injector", {"faults": [RENAMED]}, "is now written 'corrupt' with value: nan"),
+        ("fault_injector", {"topics": ["reference"], "faults": [WRENCH]}, "topic among the param"),
         ("fault_injector", {"topics": ["wrench"], "start_on": "reference"}, "start_on"),
         ("identify_tool", {"wrench_sign": 0}, "'wrench_sign' is 0; expected 1 or -1"),
         ("identify_tool", {"gravity": [0.0] * 3}, "expected 3 numbers, not all 0"),

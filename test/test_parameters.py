@@ -28,7 +28,7 @@ from samples import examples
 from eulerparams_control.bags.ros.recorder_node import RecorderParameters
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.experiments.definition import load_experiment
-from eulerparams_control.lab.faults.fault_injector_node import InjectorParameters
+from eulerparams_control.lab.fault_injector_node import InjectorParameters
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.motion.way_points import FORMATS, parse_way_points
 from eulerparams_control.parameters.fields import fields_of, from_mapping, parameter

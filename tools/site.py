@@ -24,7 +24,7 @@ from eulerparams_control.errors import (
     SingularityError,
     UnsafeCommandError,
 )
-from eulerparams_control.lab.faults.fault_injector_node import InjectorParameters
+from eulerparams_control.lab.fault_injector_node import InjectorParameters
 from eulerparams_control.laws.scheme import LoopGain
 from eulerparams_control.parameters.common import ControlParameters
 from eulerparams_control.parameters.efforts import EffortParameters

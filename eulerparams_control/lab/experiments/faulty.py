@@ -7,10 +7,10 @@
     fault_seed: 1                 # of what is random
 
 Times count from the first message on ``reference``.  ``eulerparams_control.lab.faults`` lists the
-faults and their keys; ``kill`` kills a node of the run: the controller, ``reference``,
-``pybullet_bridge`` or ``bag_recorder``.  A ``reference`` that is started again sends its motion
-again, as a user would.  After a restart the run waits until the node works, after that of the robot
-until it is commanded; faults of messages go on meanwhile.
+faults and their keys; ``kill`` kills a node of the run: the controller, ``reference`` or
+``pybullet_bridge``.  A ``reference`` that is started again sends its motion again, as a user would.
+After a restart the run waits until the node works, after that of the robot until it is commanded;
+faults of messages go on meanwhile.
 
 The bag has joint_states and references as they were sent, commands both as the controller sent
 them and as the robot received them (``faulty/...``), and /diagnostics.
@@ -19,8 +19,8 @@ Without faults, with ``real_time: true``, the bag has also the memory of the nod
 """
 
 import csv
+import math
 import os
-import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -30,13 +30,11 @@ from pathlib import Path
 from typing import Any
 
 from eulerparams_control.analysis.quantities.real_time import USAGE
-from eulerparams_control.bags.recovery import recover
 from eulerparams_control.errors import ConfigurationError, SimulationError
 from eulerparams_control.events import Event
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS, ControllerSetup
 from eulerparams_control.lab.experiments.model import Variant
-from eulerparams_control.lab.faults.base import ROBOT, Fault, parse_faults
-from eulerparams_control.lab.faults.kinds import Kill
+from eulerparams_control.lab.faults import FAULTY, Fault, Kill, MessageFault, parse_faults
 from eulerparams_control.lab.run.processes import Nodes, RunStopped
 from eulerparams_control.lab.run.run_cache import RunRecord
 from eulerparams_control.lab.run.yaml_checks import known, require
@@ -44,13 +42,11 @@ from eulerparams_control.lab.run.yaml_checks import known, require
 Progress = Callable[[float], None]
 
 INJECTOR, RECORDER, BRIDGE = "fault_injector", "bag_recorder", "pybullet_bridge"
-FAULTY = "faulty/"
-OTHERS = ("reference", BRIDGE, RECORDER)
-"""The nodes of a run besides its controller, that may be killed, too."""
+OTHERS = ("reference", BRIDGE)
+"""The nodes of a run besides its controller that may be killed."""
 
 _FIND_TIMEOUT = 15.0  # [s] for a controller to find its robot; a fault may keep them apart
 START_TIMEOUT = 60.0  # [s] for all nodes to find each other: processes start slowly under load
-_PART = "part_"  # of the bag, by a recorder that was started again
 _EVERY = 1.0  # [s] between two samples of memory
 
 _REAL_TIME = threading.Lock()  # runs in real time take the time of the machine: one at a time
@@ -84,8 +80,8 @@ def _check(fault: Fault, controller: ControllerSetup, duration: float) -> None:
     """Raise ConfigurationError unless a fault can do something in a run."""
     if isinstance(fault, Kill):
         known("node that can be killed", fault.node, (*controller.executables, *OTHERS))
-    else:
-        known(f"topic with {controller.executables[0]}", fault.topic, (*controller.topics, ROBOT))
+    if isinstance(fault, MessageFault):
+        known(f"topic with {controller.executables[0]}", fault.topic, controller.topics)
     require(fault.at < duration, f"it begins at {fault.at:g} s, the run ends at {duration:g} s")
 
 
@@ -99,7 +95,7 @@ def remaps(controller: ControllerSetup) -> dict[str, dict[str, str]]:
 
 def injector_parameters(settings: Variant) -> dict[str, Any]:
     """Return the parameters of the injector of a run."""
-    told = [str(fault) for fault in settings.faults if not isinstance(fault, Kill)]
+    told = [str(fault) for fault in settings.faults if isinstance(fault, MessageFault)]
     topics = list(CONTROLLERS[settings.controller].topics)
     values = {"topics": topics, "start_on": "reference", "seed": settings.fault_seed}
     return values | ({"faults": told} if told else {})
@@ -117,13 +113,15 @@ def turn(stop: threading.Event | None) -> Iterator[None]:
         _REAL_TIME.release()
 
 
-def kill_and_start(settings: Variant, nodes: Nodes, record: RunRecord, progress: Progress) -> None:
+def kill_and_start(settings: Variant, nodes: Nodes, progress: Progress) -> None:
     """Kill and restart nodes at their times until the run is over; raises as ``Nodes.play``."""
     nodes.wait_for_event(INJECTOR, Event.READY, START_TIMEOUT)
-    again = partial(_start_again, nodes=nodes, record=record)
-    todo = [
-        (t, partial(nodes.kill if kills else again, n)) for t, kills, n in deeds(settings.faults)
-    ]
+    todo: list[tuple[float, Callable[[], object]]] = []
+    for fault in settings.faults:
+        if isinstance(fault, Kill):
+            todo.append((fault.at, partial(nodes.kill, fault.node)))
+            if fault.end < math.inf:
+                todo.append((fault.end, partial(_start_again, fault.node, nodes)))
     nodes.play(settings.duration, progress, todo)
 
 
@@ -153,52 +151,12 @@ def memory_of(pid: int) -> float:
     return float(pages) * os.sysconf("SC_PAGE_SIZE")
 
 
-def _start_again(node: str, nodes: Nodes, record: RunRecord) -> None:
-    """Restart a node that was killed, and wait until it works.
-
-    A recorder writes over nothing, so the next one has a folder of its own.
-    """
+def _start_again(node: str, nodes: Nodes) -> None:
+    """Restart a node that was killed, and wait until it works."""
     event = Event.SENT if node == "reference" else Event.READY
     told, commanded = (len(nodes.events(node, kind)) for kind in (event, Event.COMMANDED))
-    if node == RECORDER:
-        nodes.start_again(RECORDER, output=str(record.logs / f"{_PART}{told}"))
-    else:
-        nodes.start_again(node)
+    nodes.start_again(node)
     nodes.wait_for_event(node, event, START_TIMEOUT, times=told + 1)
     if node == BRIDGE and nodes.processes.keys() - {RECORDER, BRIDGE, "reference", INJECTOR}:
         with suppress(SimulationError):  # they may find each other late, or a fault is between
             nodes.wait_for_event(BRIDGE, Event.COMMANDED, _FIND_TIMEOUT, times=commanded + 1)
-
-
-def deeds(faults: tuple[Fault, ...]) -> list[tuple[float, bool, str]]:
-    """Return when [s] which node is killed (true) or started again, one after the other."""
-    kills = [fault for fault in faults if isinstance(fault, Kill)]
-    found = [(fault.at, True, fault.node) for fault in kills]
-    found += [(fault.end, False, fault.node) for fault in kills if fault.end < float("inf")]
-    return sorted(found, key=lambda deed: deed[0])
-
-
-def clear_parts(record: RunRecord) -> None:
-    """Remove what restarted recorders of an earlier run have left."""
-    for part in _parts(record):
-        shutil.rmtree(part)
-
-
-def join(record: RunRecord) -> None:
-    """Complete a bag whose recorder was killed: what each recorder left becomes a file of it."""
-    for number, part in enumerate(_parts(record), 1):
-        whole = recover(part).bag
-        file = record.bag / f"{record.bag.name}_{number}.mcap"
-        (whole / f"{part.name}_0.mcap").rename(file)
-        for folder in {part, whole}:
-            shutil.rmtree(folder)
-    whole = recover(record.bag).bag
-    if whole != record.bag:
-        shutil.rmtree(record.bag)
-        whole.rename(record.bag)
-
-
-def _parts(record: RunRecord) -> list[Path]:
-    """Return the folders of the restarted recorders, in their order."""
-    found = record.logs.glob(f"{_PART}*")
-    return sorted(found, key=lambda part: int(part.name.removeprefix(_PART)))

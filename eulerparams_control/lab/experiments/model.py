@@ -14,7 +14,7 @@ from eulerparams_control.analysis.charts import Chart, Line, Points
 from eulerparams_control.analysis.quantities import get_metric
 from eulerparams_control.analysis.quantities.base import Prediction
 from eulerparams_control.errors import UnknownNameError
-from eulerparams_control.lab.faults.base import Fault
+from eulerparams_control.lab.faults import Fault
 from eulerparams_control.lab.run.run_cache import Run
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.resources import config_file

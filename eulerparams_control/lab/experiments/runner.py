@@ -20,21 +20,18 @@ from eulerparams_control.events import Event, ExitCode, events_of
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.lab.experiments.faulty import (
     BRIDGE,
-    FAULTY,
     INJECTOR,
     RECORDER,
     START_TIMEOUT,
     Progress,
-    clear_parts,
     injector_parameters,
-    join,
     kill_and_start,
     remaps,
     turn,
     watch,
 )
 from eulerparams_control.lab.experiments.model import Experiment, Parameters, Variant
-from eulerparams_control.lab.faults.base import FROM_ROBOT
+from eulerparams_control.lab.faults import FAULTY
 from eulerparams_control.lab.run.processes import EVENTS, Nodes
 from eulerparams_control.lab.run.run_cache import Making, Run, RunRecord
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
@@ -43,6 +40,8 @@ from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.way_points import parse_way_points
 from eulerparams_control.robot.catalogue import RobotDescription, load_robot
 from eulerparams_control.robot.robot import Robot
+
+_FROM_ROBOT = ("/joint_states", "/wrench")
 
 _STALL_TIMEOUT = 60.0  # [s] without progress of the simulation
 
@@ -103,7 +102,6 @@ def run_variant(
     settings = experiment.variants[variant]
     record, parameters = RunRecord(folder, variant), node_parameters(settings)
     record.clear()
-    clear_parts(record)
     making = making_of(settings, parameters)
     with turn(stop) if settings.faults else nullcontext():
         started = time.monotonic()
@@ -113,7 +111,6 @@ def run_variant(
             _claim(record, making)  # it is ours however the run ended
     end = settings.duration
     if settings.is_in_real_time:
-        join(record)
         _check_moved(record.bag, CONTROLLERS[settings.controller].command)
     else:
         rate = float(parameters[BRIDGE].get("rate", 1000.0))
@@ -153,9 +150,10 @@ def _record(
             nodes.start(name, parameters[name], remaps=others.get(name, {}))
         nodes.wait_for_event(RECORDER, Event.READY, START_TIMEOUT)
         record.claim(making)  # now: we may be killed
-        if settings.is_in_real_time:
-            follow = kill_and_start if settings.faults else watch
-            follow(settings, nodes, record, progress)
+        if settings.faults:
+            kill_and_start(settings, nodes, progress)
+        elif settings.is_in_real_time:
+            watch(settings, nodes, record, progress)
         else:
             diverged = _follow(nodes, settings, progress)
         names.remove(BRIDGE)
@@ -267,7 +265,7 @@ def _check_complete(bag: Path, settings: Variant, rate: float, diverged: bool) -
     A run that diverged ends where it did, and its last state may have no answer.
     """
     answers = [f"/{name}" for name in CONTROLLERS[settings.controller].answers]
-    times = stamped(bag, [*(f"/{name}" for name in FROM_ROBOT), *answers])
+    times = stamped(bag, [*_FROM_ROBOT, *answers])
     found = {topic: set(messages.stamp.tolist()) for topic, messages in times.items()}
     end = max(found["/joint_states"], default=0) / 1e9 if diverged else settings.duration
     expected = round(end * rate) + 1

@@ -29,12 +29,12 @@ def code_of_runs(faulty: bool = False) -> str:
     Args:
         faulty: whether they are runs with faults, in which one more node acts.
     """
-    rooms = ("lab/as_shipped", "lab/faults") if faulty else ("lab/as_shipped",)
-    beside = [_ROOT / _PACKAGES[0] / room for room in rooms]
+    of_faults = ["lab/faults.py", "lab/fault_injector_node.py"] if faulty else []
+    beside = {_ROOT / _PACKAGES[0] / path for path in ("lab/as_shipped", *of_faults)}
     return version(
         path
         for path in _files("*.py")
-        if not _BESIDE & {*path.relative_to(_ROOT).parts} or path.parent in beside
+        if not _BESIDE & {*path.relative_to(_ROOT).parts} or beside & {path, path.parent}
     )
 
 

@@ -73,7 +73,6 @@ class Nodes:
         self._domain = Domain() if own_domain else None
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
         self._commands: dict[str, list[str]] = {}
-        self._parameters: dict[str, dict[str, Any]] = {}
         self.environment = {
             **os.environ,
             "RCUTILS_COLORIZED_OUTPUT": "0",
@@ -109,14 +108,13 @@ class Nodes:
         command += ["--params-file", str(file), "-r", f"__ns:={namespace}"]
         for topic, other in remaps.items():
             command += ["-r", f"{topic}:={other}"]
-        self._commands[executable], self._parameters[executable] = command, parameters
+        self._commands[executable] = command
         for kind in (LOG, EVENTS):
             self._file(executable, kind).write_bytes(b"")
         self._launch(executable)
 
-    def start_again(self, executable: str, **changes: Any) -> None:
-        """Start a node that was killed, as before but for some parameters; its log goes on."""
-        self._write(executable, self._parameters[executable] | changes)
+    def start_again(self, executable: str) -> None:
+        """Start a node that was killed, as before; its log goes on."""
         self._launch(executable)
 
     def kill(self, executable: str) -> None:
