@@ -26,7 +26,7 @@ from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.parameters.watchdog import WatchdogParameters
 from eulerparams_control.resources import config_names
 from eulerparams_control.ros.arm_launch import load_arm
-from eulerparams_control.ros.interactive_target import FEEDBACK, UPDATE
+from eulerparams_control.ros.rviz import FEEDBACK, UPDATE
 from sim_bridge.bridge_parameters import BridgeParameters
 
 ROOT = Path(__file__).resolve().parents[1]
