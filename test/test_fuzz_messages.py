@@ -17,7 +17,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from hypothesis import given
 from hypothesis import strategies as st
-from in_process import Running, World, each_once
+from in_process import Running, each_once
 from ros_processes import FRAMES, MODEL, UR5, Controlled, assert_may_stay, pose, reference
 from samples import examples
 from sensor_msgs.msg import JointState
@@ -247,31 +247,3 @@ def test_hundreds_of_refused_messages_leave_nothing_behind(world):
 
 
 # --- reference -------------------------------------------------------------------------------
-@pytest.fixture(scope="module")
-def starts(shared_world: World) -> tuple[Running, Any, Any, list[Any]]:
-    """The node ``reference``, what sends it states and descriptions, and what it has sent."""
-    process = shared_world.start("reference", {**FRAMES, "motion": "circle"})
-    peer = shared_world.peer
-    states = peer.publisher(JointState, "joint_states")
-    description = peer.publisher(String, "robot_description", latched=True)
-    return process, states, description, peer.listen(MultiDOFJointTrajectory, "reference")
-
-
-@examples(12)
-@given(messages=st.lists(odd(AT_HOME) | st.builds(String, data=TEXT), min_size=5, max_size=25))
-def test_the_reference_node_survives_any_messages_and_starts_at_the_arm(
-    messages, starts, shared_world
-):
-    process, states, description, heard = starts
-    for msg in messages:
-        (states if isinstance(msg, JointState) else description).publish(msg)
-    heard.clear()
-    description.publish(String(data=UR5.urdf))
-    states.publish(AT_HOME)
-    shared_world.peer.trigger("/reference/send")
-    start = heard[-1].points[0].transforms[0].translation
-    np.testing.assert_allclose([start.x, start.y, start.z], pose(UR5.home)[0], rtol=0, atol=1e-9)
-    for msg in heard:
-        assert all(math.isfinite(value) for *_, value in places(msg) if isinstance(value, float))
-        assert all(point.time_from_start.sec >= 0 for point in msg.points)
-    assert_unharmed(process)

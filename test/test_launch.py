@@ -249,16 +249,6 @@ def test_parameters_are_merged_key_by_key_into_those_of_the_arm(launched, text, 
     assert values(after["impedance_control"])["wrench_sign"] == -1
 
 
-def test_names_with_dots_and_nested_ones_are_the_same(launched):
-    texts = (
-        "{pybullet_bridge: {environment: {wall: {shape: plane, friction: 0.2}}}}",
-        "{pybullet_bridge: {environment.wall: {shape: plane}, environment.wall.friction: 0.2}}",
-    )
-    first, second = (passed(launched("bringup", parameters=text)[0]) for text in texts)
-    assert first == second
-    assert first["environment.wall.shape"] == "plane"
-
-
 @pytest.mark.parametrize("empty", ["{}", "", " "])
 def test_topics_are_merged_key_by_key_into_those_of_the_arm(launched, empty):
     given = {"controller": "impedance_control"}
@@ -339,21 +329,6 @@ def test_a_file_of_parameters_is_merged_into_those_of_the_arm_for_the_nodes_that
     assert passed(watchdog) == passed(before["watchdog"]) | added
     added = {"k_Vp": 30.0, "k_Vo": 31.0, "wrench_bias": [0.0] * 6}
     assert passed(control) == passed(before["impedance_control"]) | added
-
-
-def test_a_file_of_identify_tool_is_one_of_parameters_and_the_watchdog_knows_the_tool(
-    launched, tmp_path
-):
-    found = {
-        "/**": section(tool_mass=1.5, tool_com=[0.0, 0.0, 0.1]),
-        "/**/impedance_control": section(wrench_sign=-1, wrench_bias=[0.0] * 6),
-    }
-    (file := tmp_path / "tool.yaml").write_text(yaml.safe_dump(found))
-    nodes = by_name(launched("any", controller="impedance_control", params_file=str(file)))
-    assert values(nodes["impedance_control"])["wrench_sign"] == -1
-    for node in nodes.values():
-        assert values(node)["tool_mass"] == 1.5
-        assert values(node)["tool_com"] == (0.0, 0.0, 0.1)
 
 
 @pytest.mark.parametrize(
@@ -526,17 +501,3 @@ def test_bringup_moves_the_simulated_robot_and_ctrl_c_ends_all(graph, tmp_path):
     assert process.end() == 0
     assert process.log.count("process has finished cleanly") == len(names)
     assert (tmp_path / "bag" / "metadata.yaml").is_file()
-
-
-@pytest.mark.slow
-def test_the_nodes_of_a_real_arm_have_its_parameters_and_those_that_are_given(graph, tmp_path):
-    text = "{watchdog: {timeout: 0.1}, impedance_control: {posture: [], k_Pp: 1e3}}"
-    given = {"controller": "impedance_control", "parameters": text}
-    process = start(graph, tmp_path, "franka", ("watchdog", "impedance_control"), **given)
-    for node, expected in {
-        "watchdog": {"timeout": 0.1, "compensate_gravity": False, "tip_frame": "fr3_hand_tcp"},
-        "impedance_control": {"k_Pp": 1e3, "compensate_gravity": False, "wrench_sign": -1},
-    }.items():
-        assert asked(graph, node, *expected) == list(expected.values())
-    process.signal(signal.SIGINT)
-    assert process.end() == 0

@@ -5,12 +5,13 @@ import math
 import re
 import typing
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import rclpy
 import yaml
@@ -27,19 +28,15 @@ from samples import examples
 
 from eulerparams_control.bags.ros.recorder_node import RecorderParameters
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.faults.fault_injector_node import InjectorParameters
-from eulerparams_control.lab.maps.definition import load_map
-from eulerparams_control.motion.trajectories import Trajectory
-from eulerparams_control.motion.way_points import FORMATS, parse_way_points
 from eulerparams_control.parameters.fields import fields_of, from_mapping, parameter
 from eulerparams_control.parameters.reference import ReferenceParameters
 from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.parameters.teleop import TeleopParameters
 from eulerparams_control.parameters.watchdog import WatchdogParameters
-from eulerparams_control.resources import config_folder, config_names
+from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.ros.parameter_files import refuse_misspelt_sections
-from eulerparams_control.ros.parameters import declare, refuse_words
+from eulerparams_control.ros.parameters import declare
 from eulerparams_control.tool.parameters import IdentifyToolParameters
 from sim_bridge.bridge_parameters import BridgeParameters
 
@@ -252,6 +249,20 @@ def test_a_list_that_is_deleted_is_empty_and_a_number_is_not_deleted(node):
     assert own.get_parameter("k").value == 10.0
 
 
+@pytest.mark.parametrize("name", schemes())
+def test_speed_scale_and_effort_rate_bound_the_commands(name):
+    arm, kind = load_robot("ur5"), schemes()[name].parameters
+    given = {"velocity_scale": 0.25, "max_joint_acceleration": [3.0], "max_effort_rate": [123.0]}
+    given |= {"base_frame": arm.base_frame, "tip_frame": arm.tip_frame}
+    p = from_mapping(kind, {key: given[key] for key in given.keys() & fields_of(kind).keys()})
+    robot = p.robot(arm.urdf)
+    bounds = p.make_scheme(robot, p.limits(robot)).bounds
+    assert bounds.joints.velocity.tolist() == (0.25 * robot.limits.velocity).tolist()
+    assert bounds.joints.acceleration.tolist() == [3.0] * robot.n
+    assert bounds.joints.upper.tolist() == robot.limits.upper.tolist()
+    assert name == "clik" or np.unique(bounds.effort_rate).tolist() == [123.0]
+
+
 # --- any value -------------------------------------------------------------------------------
 RCLError = rclpy_implementation.RCLError
 
@@ -338,25 +349,6 @@ def test_any_value_of_a_parameter_is_of_its_type_or_refused_by_its_name(data, ex
 
 
 # --- sections --------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("arguments", "refused"),
-    [
-        ("-p k_Pp:=fast", "'k_Pp' is 'fast', a str; expected a float"),
-        ("-p clik:enforce_limits:=maybe", "'enforce_limits' is 'maybe'"),
-        ("-p max_linear_speed:=0.05x", "'max_linear_speed'"),
-        ("--params-file words.yaml", "'k_Po' is 'slow'"),
-        ("-p other:k_Pp:=fast -p k_Pp:=1e-3 -p k_Po:=.5 -p orientation:=no -p x:=y", ""),
-        ("-p enforce_limits:=true --params-file none.yaml", ""),
-    ],
-)
-def test_a_word_for_a_number_is_refused_also_where_another_source_gives_a_number(
-    arguments, refused, tmp_path, monkeypatch
-):
-    monkeypatch.chdir(tmp_path)
-    Path("words.yaml").write_text("clik: {ros__parameters: {k_Pp: 100.0, k_Po: slow}}")
-    fields = fields_of(schemes()["clik"].parameters)
-    with pytest.raises(ConfigurationError, match=refused) if refused else nullcontext():
-        refuse_words("clik", fields, ["clik", "--ros-args", *arguments.split()])
 
 
 EMPTY: dict[str, Any] = {"ros__parameters": {}}
@@ -383,55 +375,9 @@ def test_a_file_for_nearly_this_node_is_refused_and_others_left_to_rcl(content, 
 
 
 # --- way-points ------------------------------------------------------------------------------
-@given(
-    times=st.lists(NUMBERS | st.floats(0, 5), max_size=3),
-    positions=st.lists(NUMBERS | st.floats(-1, 1), max_size=9),
-    orientations=st.lists(NUMBERS | st.floats(-1, 1), max_size=12),
-    form=st.sampled_from(FORMATS) | WORDS,
-)
-def test_way_points_are_a_motion_or_refused(times, positions, orientations, form):
-    motion: Trajectory | None = None
-    with suppress(ConfigurationError):
-        motion = parse_way_points(times, positions, orientations, form)
-    if motion is not None:
-        assert 0 <= motion.times[0] <= motion.duration <= 1e9
 
 
 # --- files of experiments and maps ---------------------------------------------------------------
-def leaves(content: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Yield the way to each value of nested mappings and lists, itself among them."""
-    yield path
-    pairs = dict(enumerate(content)) if isinstance(content, list) else content
-    for key, value in pairs.items() if isinstance(pairs, dict) else ():
-        yield from leaves(value, (*path, key))
-
-
-def replaced(content: Any, path: tuple[Any, ...], value: Any) -> Any:
-    """Return a copy of nested mappings and lists with another value in one place."""
-    if not path:
-        return value
-    copy = dict(content) if isinstance(content, dict) else list(content)
-    copy[path[0]] = replaced(copy[path[0]], path[1:], value)
-    return copy
-
-
-@pytest.mark.parametrize(("folder", "load"), [("experiments", load_experiment), ("maps", load_map)])
-@forty
-@given(data=st.data())
-def test_a_damaged_file_of_an_experiment_or_a_map_is_taken_or_refused(data, folder, load, tmp_path):
-    name = data.draw(st.sampled_from(config_names(folder)))
-    content = yaml.safe_load((config_folder() / folder / f"{name}.yaml").read_text())
-    path = data.draw(st.sampled_from(list(leaves(content))))
-    value = data.draw(st.none() | VALUES | st.dictionaries(WORDS, SCALARS, max_size=2))
-    file = tmp_path / f"{name}.yaml"
-    damaged = yaml.safe_dump(replaced(content, path, value), allow_unicode=True)
-    file.write_text(damaged, encoding="utf-8")
-    refusal = str(file)
-    try:
-        load(str(file))
-    except ConfigurationError as error:
-        refusal = str(error)
-    assert str(file) in refusal
 
 
 # --- as executables ----------------------------------------------------------------------------

@@ -159,6 +159,13 @@ def test_no_state_is_believed_at_activation_beside_a_publisher_that_cannot_be_he
     assert_holds(arm.commands[-1], HOME)
 
 
+def test_commands_are_kept_for_readers_that_lag_by_a_second(world):
+    node = Controlled(world, "impedance_control", FRAMES).process.node
+    depths = {each.topic_name: each.qos_profile.depth for each in node.publishers}
+    topics = "/joint_effort", "/compliant_frame", "/impedance_control/impedance"
+    assert [depths[topic] for topic in topics] == [1000] * 3
+
+
 def test_the_qos_of_one_input_changes_that_of_no_other(world):
     qos = override("/joint_states", "reliability", "best_effort")
     for parameters, topics in ((qos, {"/joint_states"}), ({}, set())):

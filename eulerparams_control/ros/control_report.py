@@ -214,10 +214,6 @@ class ControlReport:
     def show(self, controller: Controller, tick: Tick, parameters: ControlParameters) -> None:
         """Show the values of a tick in /diagnostics."""
         self._health.values.update(_values(controller, tick, parameters))
-        if controller.scheme.lyapunov(tick) is None:
-            self._health.values["Lyapunov function"] = f"none for {parameters.orientation}"
-        else:
-            self._health.values.pop("Lyapunov function", None)
 
     def state(self, controller: Controller, orientation: str) -> None:
         """Report what the controller does, or why it holds still, if that has changed."""
