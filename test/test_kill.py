@@ -1,4 +1,4 @@
-"""Each node of a moving arm is killed: the others go on, and its successor too.
+"""The controller of a moving arm is killed: the robot brakes, and its successor goes on.
 
 The nodes are in the process of the test, the robot moves in real time by its clock.  Processes that
 are killed are in ``test_faulty_runs.py``.
@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from in_process import Running, World
-from ros_processes import FRAMES, HOME, MODEL, values
+from ros_processes import FRAMES, MODEL, values
 from sensor_msgs.msg import JointState
 from tolerances import assert_close
 
 from eulerparams_control.messages.from_ros import ns_from_ros
-from eulerparams_control.messages.keys import BEGAN
 
 pytestmark = pytest.mark.slow
 
@@ -30,9 +29,6 @@ MOVES = 0.02
 BEGINS_AT = 1e-6
 # Efforts that hold the arm at rest [Nm]: its inertia times gains times what brakes leave.
 BEARS = 1e-2
-# A robot is so old [s] that the stamps of its successor are far from its own: a clock that goes
-# back by less than state_timeout is another fault.
-OLD = 10.0
 
 GAINS = {"k_Pp": 100.0, "k_Vp": 20.0, "k_Po": 200.0, "k_Vo": 20.0}  # stable with 50 ms of delay
 CONTROLLERS = {
@@ -112,17 +108,6 @@ def cell(request: Any, world: World) -> Cell:
     return Cell(world, request.param)
 
 
-def test_without_the_reference_the_motion_goes_on_and_its_successor_is_followed_at_once(cell):
-    began = values(cell.next_said(cell.name))[BEGAN]
-    cell.kill("reference")
-    cell.goes_on()
-    assert cell.next_said(cell.name).message.endswith("following a reference")
-    cell.start("reference")
-    cell.world.until(lambda: values(cell.next_said(cell.name))[BEGAN] != began, "the new motion")
-    assert "reference rejected" not in values(cell.next_said(cell.name))
-    assert "two publishers" not in cell.nodes[cell.name].log
-
-
 def test_without_the_controller_the_robot_brakes_and_its_successor_begins_without_a_jump(cell):
     cell.kill(cell.name)
     status = cell.next_said(BRIDGE, f"no command for {COMMAND_TIMEOUT} s: braked")
@@ -141,21 +126,3 @@ def test_without_the_controller_the_robot_brakes_and_its_successor_begins_withou
     cell.next_said(BRIDGE, "commanded")
     reached = np.array([s.position[:6] for s in cell.states])
     assert np.abs(reached - stopped).max() < 1e-3  # it was not moved by taking over [rad]
-
-
-def test_without_the_robot_nothing_is_commanded_and_its_successor_is_held_where_it_is(cell):
-    cell.world.until(lambda: stamp(cell.states[-1]) > OLD, "an old robot")
-    cell.kill(BRIDGE)
-    status = cell.next_said(cell.name, "no valid joint_states within")
-    assert status.level == b"\x02"
-    assert "no commands" in status.message
-    assert stamp(cell.commands[-1]) <= stamp(cell.states[-1])  # nothing beyond the last state
-    cell.states.clear()
-    cell.commands.clear()
-    cell.start(BRIDGE)
-    cell.next_said(cell.name, "holding the measured pose, after a")
-    first = cell.commands[0]
-    assert_begins_at_rest(first, next(s for s in cell.states if stamp(s) == stamp(first)))
-    cell.goes_on()
-    assert_close(cell.states[-1].position[:6], HOME, 1e-2)  # it is held there
-    cell.next_said(BRIDGE, "commanded")

@@ -110,23 +110,6 @@ def test_without_overrides_the_defaults_hold_are_described_and_cannot_be_changed
     assert own.get_parameter("k").value == 10.0
 
 
-def test_a_number_has_its_range_and_what_cannot_be_changed_is_read_only(node):
-    own = node(k=20, weights=[1, 2], names=[])  # ints for floats, and rclpy's guess of bytes
-    declare(own, Gains, lambda old, new: None)
-    k, steps, mass = (own.describe_parameter(name) for name in ("k", "steps", "mass"))
-    (range_k,), (range_steps,) = k.floating_point_range, steps.integer_range
-    assert (range_k.from_value, range_k.to_value, range_k.step) == (0.0, 100.0, 0.0)
-    assert (range_steps.from_value, range_steps.to_value, range_steps.step) == (1, 9, 1)
-    assert not mass.floating_point_range
-    fixed = {name for name in fields_of(Gains) if own.describe_parameter(name).read_only}
-    assert fixed == {"names", "frame"}
-    assert own.get_parameter("k").type_ is Parameter.Type.DOUBLE
-    assert own.get_parameter("weights").type_ is Parameter.Type.DOUBLE_ARRAY
-    assert own.get_parameter("names").type_ is Parameter.Type.STRING_ARRAY
-    assert change(own, k=30) == []
-    assert own.get_parameter("k").type_ is Parameter.Type.DOUBLE
-
-
 @pytest.mark.parametrize(
     ("overrides", "expected"),
     [

@@ -147,24 +147,6 @@ def expected(kind: str, joints: list[str], stamp: Any, command: JointCommand) ->
     return JointTrajectory(joint_names=joints, points=[point])
 
 
-def test_a_message_of_the_other_order_of_bytes_goes_the_plain_way_each_time():
-    deserialised: list[bytes] = []
-
-    def plain(data: bytes) -> Any:
-        deserialised.append(data)
-        return deserialize_message(data, WrenchStamped)
-
-    read = Reader("WrenchStamped", plain).read
-    for second in (1, 2, 3):
-        w = np.arange(6.0) + second
-        stamp = np.array([second, 5], ">u4").tobytes()
-        data = b"\0\0\0\0" + stamp + b"\0\0\0\1\0\0\0\0" + w.astype(">f8").tobytes()
-        msg = read(data)
-        assert ns_from_ros(msg.header.stamp) == second * 10**9 + 5
-        assert wrench_from_ros(msg, "").tolist() == w.tolist()
-    assert len(deserialised) == 3
-
-
 def test_what_was_in_memory_between_the_fields_and_behind_them_is_not_written():
     data = serialize_message(JointState(name=["a"], position=[1.0], velocity=[2.0]))
     clean, noisy = bytearray(data + b"\0\0\0"), bytearray(data + b"\1\2\3")

@@ -63,14 +63,10 @@ class ComplianceControlNode(ControlNode):
         fed = scheme.fed if isinstance(scheme, ComplianceControl) else np.zeros(3)
         return {
             "force fed forward [N]": float(np.linalg.norm(fed)),
-            "elastic force [N]": float(np.linalg.norm(effects.f)),
-            "elastic moment [Nm]": float(np.linalg.norm(effects.mu)),
             "displacement [m]": float(np.linalg.norm(tick.dp_de)),
             "displacement [rad]": angle_between(tick.desired.R_d, tick.state.R_e),
             "elastic energy [J]": effects.energy,
-            "stretch of the springs": tick.excess,
             "their clips lowered by": effects.lowered,
-            "rate of the fastest mode [1/s]": effects.rate,
         }
 
 
