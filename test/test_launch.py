@@ -13,8 +13,6 @@ from typing import Any
 import pytest
 import yaml
 from in_process import World
-from rcl_interfaces.srv import GetParameters
-from rclpy.parameter import parameter_value_to_python
 from ros_processes import FRAMES, HOME, UR5, Arm, Process, environment
 from sensor_msgs.msg import JointState
 
@@ -471,15 +469,6 @@ raise SystemExit(service.run())
     return process
 
 
-def asked(graph: Any, node: str, *names: str) -> list[Any]:
-    """Return parameters of a node that runs."""
-    client = graph.peer.node.create_client(GetParameters, f"{node}/get_parameters")
-    graph.until(client.service_is_ready, f"the parameters of {node}")
-    answer = client.call_async(GetParameters.Request(names=list(names)))
-    graph.until(answer.done, f"the parameters of {node}")
-    return [parameter_value_to_python(value) for value in answer.result().values]
-
-
 @pytest.mark.slow
 def test_bringup_moves_the_simulated_robot_and_ctrl_c_ends_all(graph, tmp_path):
     names = "pybullet_bridge", "clik", "bag_recorder"
@@ -490,8 +479,6 @@ def test_bringup_moves_the_simulated_robot_and_ctrl_c_ends_all(graph, tmp_path):
     graph.until(lambda: commands or process.exit_code is not None, "a command")
     assert commands, process.log
     assert commands[-1].position.tolist() == pytest.approx(HOME.tolist(), abs=1e-6)
-    for name in names:
-        assert asked(graph, name, "use_sim_time") == [True]
     process.signal(signal.SIGINT)
     assert process.end() == 0
     assert process.log.count("process has finished cleanly") == len(names)

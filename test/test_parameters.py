@@ -214,17 +214,6 @@ def test_what_the_node_refuses_or_does_not_know_is_refused_with_its_reason(node)
     assert str(refusal.value).startswith("unknown parameter 'laww' (did you mean 'law'?); known: ")
 
 
-def test_a_list_that_is_deleted_is_empty_and_a_number_is_not_deleted(node):
-    own = node()
-    seen: list[Gains] = []
-    declare(own, Gains, lambda _, new: seen.append(new))
-    assert change(own, weights=None) == []
-    assert seen == [Gains(weights=())]
-    assert own.get_parameter("weights").type_ is Parameter.Type.DOUBLE_ARRAY
-    assert change(own, k=None) == ["parameter 'k' is None, a NoneType; expected a float"]
-    assert own.get_parameter("k").value == 10.0
-
-
 @pytest.mark.parametrize("name", schemes())
 def test_speed_scale_and_effort_rate_bound_the_commands(name):
     arm, kind = load_robot("ur5"), schemes()[name].parameters
