@@ -214,22 +214,10 @@ def test_pybullet_comes_as_a_wheel_where_there_is_one(machine):
     assert asked == ["pybullet-arm64" if machine == "x86_64" else "pybullet"]
 
 
-def test_what_a_repository_has_agrees_with_the_package():
-    version = ET.parse(ROOT / "package.xml").findtext("version")
-    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
-    assert version == cited["version"]
-    given = arguments_of_setup()
-    assert version == given["version"]
-    urls = {each.get("type"): each.text for each in ET.parse(ROOT / "package.xml").iter("url")}
-    assert urls.keys() == {"website", "repository", "bugtracker"}
-    assert (urls["website"], urls["repository"]) == (cited["url"], cited["repository-code"])
-    assert urls["website"] == given["url"]
-    workflow = yaml.safe_load((ROOT / ".github/workflows/test.yml").read_text(encoding="utf-8"))
-    commands = [step["run"] for step in workflow["jobs"]["test"]["steps"] if "run" in step]
-    assert commands
-    assert all(os.access(ROOT / command, os.X_OK) for command in commands)
-    for form in (ROOT / ".github/ISSUE_TEMPLATE").glob("*.yml"):
-        assert {"name", "description", "body"} == set(yaml.safe_load(form.read_text("utf-8")))
+def test_the_version_is_the_same_wherever_it_stands():
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))["version"]
+    assert ET.parse(ROOT / "package.xml").findtext("version") == cited
+    assert arguments_of_setup()["version"] == cited
 
 
 # --- set-up, with stand-ins for Python and pip -----------------------------------------------

@@ -10,7 +10,7 @@ from typing import Any
 from unittest.mock import Mock
 
 import pytest
-from ros_processes import values
+from ros_processes import FRAMES, values
 
 NODES = ("impedance_control", "pybullet_bridge")
 UNLIMITED = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
@@ -102,3 +102,12 @@ def test_what_is_not_permitted_is_a_warning_and_the_node_goes_on(world, system, 
     assert system.locked is None  # within a limit the process could end by it
     assert running.exit_code is None
     assert values(world.peer.status(name))["realtime_priority"] == "0"
+
+
+def test_a_process_that_may_lock_all_memory_needs_no_other_limit(world, system, monkeypatch):
+    tell(monkeypatch, "CapEff:\t00000000a80465fb\nVmLck:\t  123 kB\n")
+    running = world.start("clik", {"lock_memory": True})
+    assert (system.limit, system.locked, warnings(running)) == (None, 3, [])
+    system.number = errno.ENOMEM
+    (warning,) = warnings(world.start("clik", {**FRAMES, "lock_memory": True}, namespace="/other"))
+    assert "lock_memory True is not in force: Cannot allocate memory (errno 12)" in warning

@@ -128,8 +128,8 @@ def test_the_target_is_at_the_tip_and_is_gone_to_when_it_is_released_not_while_i
     ((marker,), (moved,)) = clik.updates[0].markers, clik.updates[1].poses
     assert vector_from_ros(marker.pose.position) == pytest.approx(P_E, abs=1e-6)
     assert moved.pose == marker.pose
-    service = "clik/target/get_interactive_markers"
-    given = clik.peer.call(GetInteractiveMarkers, service, GetInteractiveMarkers.Request()).markers
+    asked = GetInteractiveMarkers, "clik/target/get_interactive_markers"
+    given = clik.peer.call(*asked, GetInteractiveMarkers.Request()).markers
     assert [each.name for each in given] == [marker.name]
     assert sorted(control.interaction_mode for control in marker.controls) == [3] * 3 + [5] * 3
     send(clik, *DRAG[:2])
