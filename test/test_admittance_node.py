@@ -5,20 +5,17 @@ reference of ``clik``.  The arm is moved by the test; the experiment ``admittanc
 with the simulated robot.
 """
 
-import re
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from in_process import Running, World
-from ros_processes import AT_ONCE, HOME, MODEL, UNSHAPED, UR5, Arm, Array, pose, reference
+from ros_processes import AT_ONCE, HOME, UNSHAPED, UR5, Arm, Array, pose, reference
 from samples import rodrigues
 from tolerances import LAW_IN_A_NODE, assert_close
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
 from eulerparams_control.laws.rotations import angle_between
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.robot import RobotState
@@ -146,39 +143,3 @@ def test_when_impedance_control_is_killed_clik_holds_and_its_successor_begins_wh
     settle(arm)
     moved = pose(arm.q)[0] - pose(q)[0]
     assert_close(moved, [0.0, 5.0 / K_P, 0.0], FOLLOWED)
-
-
-# --- an arm that says less -------------------------------------------------------------------
-class PositionArm(Arm):
-    """An arm that goes where the compliant frame is, and measures no velocities."""
-
-    topic = "compliant_frame"
-
-    def message(self, q: Array | None = None) -> Any:
-        msg = super().message(q)
-        msg.velocity = []
-        return msg
-
-    def _obey(self, command: Any) -> None:
-        frame = self._frame(command)
-        self.q = inverse_kinematics(MODEL, frame, self.q)
-
-
-def test_an_arm_without_velocities_and_inertias_is_compliant_too(world):
-    urdf = re.sub(r"<inertial>.*?</inertial>", "", UR5.urdf, flags=re.DOTALL)
-    assert urdf.count("<inertial>") == 0 < UR5.urdf.count("<inertial>")
-    arm = PositionArm(world, replace(UR5, urdf=urdf), command=MultiDOFJointTrajectory)
-    arm.wear_sensor()
-    process = world.start(NAME, {**COMPLIANT, "wrench_pairing": "stamp"})
-    arm.connect()
-    arm.start_afresh()
-    p, R = pose(HOME)
-    arm.environment = spring(p - [DEPTH, 0.0, 0.0])
-    arm.ticks(80, dt=0.005)
-    moved = arm.frame().p_d - p
-    assert_close(moved, [-FORCE / K_P, 0.0, 0.0], 0.01 * FORCE / K_P)
-    assert angle_between(arm.frame().R_d, R) < LAW_IN_A_NODE
-    topics = {name for name, _ in world.peer.node.get_topic_names_and_types()}
-    assert not topics & {"/joint_effort", "/joint_reference"}
-    assert process.stop() == 0
-    assert "error" not in process.stderr

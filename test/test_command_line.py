@@ -5,7 +5,6 @@ import io
 import subprocess
 import sys
 from importlib import import_module
-from types import SimpleNamespace
 from unittest.mock import Mock
 
 import pytest
@@ -14,7 +13,7 @@ from rich.console import Console
 from rich.text import Text
 
 from eulerparams_control import command_line, events
-from eulerparams_control.command_line import executables, make_console, say
+from eulerparams_control.command_line import executables, say
 from eulerparams_control.events import ExitCode
 from eulerparams_control.parameters.fields import fields_of
 from eulerparams_control.parameters.schemes import schemes
@@ -37,14 +36,6 @@ def test_a_line_is_printed_as_it_is_however_long_it_is():
     say(Console(file=out, width=80), text)
     say(Console(file=out, width=80), Text(text))
     assert out.getvalue() == f"{text}\n" * 2
-
-
-def test_where_nothing_says_how_wide_it_is_a_console_is_wider_than_80_characters(monkeypatch):
-    monkeypatch.setattr("sys.stdout", io.StringIO())
-    monkeypatch.setenv("COLUMNS", "")
-    assert make_console().width == 110
-    monkeypatch.setenv("COLUMNS", "70")
-    assert make_console().width == 70
 
 
 @pytest.mark.parametrize("option", ["-h", "--help"])
@@ -83,26 +74,6 @@ def test_an_interrupt_while_modules_are_imported_ends_in_silence(monkeypatch, ca
     assert command_line.clik() == 130
     assert capsys.readouterr() == ("", "")
     assert gc.isenabled()
-
-
-def test_garbage_is_looked_for_when_all_is_imported_but_not_in_that(monkeypatch):
-    looks = []
-
-    def main(_: None) -> int:
-        looks.append((gc.isenabled(), gc.get_freeze_count() > 0))
-        return 0
-
-    def imported(_: str) -> SimpleNamespace:
-        looks.append((gc.isenabled(), gc.get_freeze_count() > 0))
-        return SimpleNamespace(main=main)
-
-    gc.unfreeze()
-    monkeypatch.setattr(command_line, "import_module", imported)
-    try:
-        assert command_line.clik() == 0
-    finally:
-        gc.unfreeze()
-    assert looks == [(False, False), (True, True)]
 
 
 def test_a_program_that_there_is_not_ends_with_the_names_of_those_that_there_are():

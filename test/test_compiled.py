@@ -7,7 +7,6 @@ import sys
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -207,17 +206,6 @@ def test_of_a_folder_for_many_programs_only_what_is_its_own_is_deleted(tmp_path,
     assert folder.is_dir()
     assert other.is_dir()
     assert not mine.exists()
-
-
-@pytest.mark.skipif(not IS_COMPILED, reason="nothing is compiled")
-def test_where_there_is_no_home_formulas_are_kept_for_the_process(monkeypatch):
-    for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(Path, "home", Mock(side_effect=RuntimeError("no home")))
-    with pytest.warns(UserWarning, match="set NUMBA_CACHE_DIR"):
-        folder = Path(cache_folder.__wrapped__())
-    assert folder.is_dir()
-    folder.rmdir()
 
 
 def times(k):

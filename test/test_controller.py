@@ -590,24 +590,6 @@ def test_no_desired_frame_makes_a_command_that_is_not_finite(family, limited):
 
 
 @pytest.mark.filterwarnings("ignore:(overflow|invalid value|divide by zero):RuntimeWarning")
-@pytest.mark.parametrize("orientation", ORIENTATIONS)
-def test_no_trajectory_makes_a_command_that_is_not_finite(orientation):
-    for scheme in (
-        clik(orientation, limits=UR5.limits),
-        clik(orientation),
-        dynamic_control(orientation),
-        dynamic_control(orientation, limited=False),
-    ):
-        running = Controller(scheme, ANY_JUMP, HOME)
-        frames = garbage("XYZ", 7)
-        motions = [
-            Trajectory([0.0, 0.03], [start, end])
-            for start, end in zip(frames, frames[1:] + frames[:1], strict=True)
-        ]
-        feed(running, motions)
-
-
-@pytest.mark.filterwarnings("ignore:(overflow|invalid value|divide by zero):RuntimeWarning")
 def test_joints_that_leave_all_bounds_lead_to_a_fault_and_not_to_infinite_positions():
     options = ControllerOptions(60.0, 1e9, math.inf, math.inf)
     running = Controller(clik(), options, HOME)

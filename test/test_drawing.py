@@ -1,14 +1,11 @@
 """Drawings of a controller."""
 
-import math
-
 import numpy as np
 import pytest
 from samples import uniform
 from tolerances import ALGEBRAIC
 
-from eulerparams_control.laws.orientation import SEQUENCES, EulerSequence
-from eulerparams_control.motion.drawing import ellipsoid, pole_axes
+from eulerparams_control.motion.drawing import ellipsoid
 
 
 @pytest.mark.parametrize("values", [(200.0, 50.0, 100.0), (3.0, 3.0, 3.0)])
@@ -25,12 +22,3 @@ def test_an_ellipsoid_without_stiffness_is_thin_and_not_nothing():
     assert (ellipsoid(np.zeros((3, 3)), 0.1).radii > 0).all()
     flat = ellipsoid(np.diag([0.0, 100.0, 100.0]), 0.1).radii
     assert 0 < flat[0] < 0.01 < flat[1]
-
-
-@pytest.mark.parametrize("name", SEQUENCES)
-def test_the_axes_of_a_pole_are_as_far_apart_as_the_orientation_is_from_it(name):
-    sequence = EulerSequence(name)
-    for R in uniform(20):
-        one, other = pole_axes(sequence.axes.i, sequence.axes.k, R)
-        distance = math.acos(min(1.0, abs(float(one @ other))))
-        assert distance == pytest.approx(sequence.pole_distance(R), abs=1e-7)

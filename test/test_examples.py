@@ -210,26 +210,3 @@ def test_a_policy_that_goes_straight_ahead_ends_an_episode():
     assert info["distance [m]"] < 0.01 < far
     assert reward > -0.02
     assert not env.controller.fault
-
-
-def test_a_fault_costs_more_than_an_episode_which_has_an_end(monkeypatch):
-    env = environment()
-    env.reset(seed=1)
-    rewards, is_over = [], False
-    while not is_over:
-        _, reward, ended, is_over, info = env.step(np.zeros(6))
-        rewards.append(reward)
-        assert not ended
-    assert len(rewards) == 200
-    assert info["fault"] == ""
-    env.reset(seed=1)
-    monkeypatch.setattr(type(env.controller), "fault", "stopped")
-    monkeypatch.setattr(env.controller, "step", lambda *_: None)  # nothing is commanded
-    _, reward, ended, _, info = env.step(np.zeros(6))
-    assert ended
-    assert info["fault"] == "stopped"
-    assert reward < sum(rewards)
-    closed = []
-    monkeypatch.setattr(env.arm, "close", lambda close=env.arm.close: closed.append(close()))
-    env.close()
-    assert closed

@@ -4,7 +4,6 @@ Pinocchio and PyBullet are C++, where a wrong text can end the process, so they 
 of their own: ``python test_fuzz_urdf.py`` reads texts and says what became of each.
 """
 
-import contextlib
 import json
 import re
 import subprocess
@@ -15,13 +14,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from samples import generator
 from synthetic_runs import URDF
 
 from eulerparams_control.errors import EulerParamsError, RobotError
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import DynamicState, Robot
-from eulerparams_control.robot.urdf import UrdfTree
 
 END = "</robot>"
 ENTITY = '<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/hostname">]>'
@@ -227,40 +224,6 @@ def test_a_urdf_of_a_pipe_or_folder_is_refused_without_waiting(tmp_path):
             load_robot(str(tmp_path / name))
 
 
-def damaged(count: int) -> list[str]:
-    """Return URDFs in which some numbers, names, tags or letters are others, or are cut out."""
-    random = generator(70)
-    words = ['""', '"0"', '"-1"', '"nan"', '"inf"', '"1e308"', '"1e-320"', '"a b"', '"0 0 0"']
-    words += ['"tip"', '"base"', '"rod"', '"fixed"', '"continuous"', '"prismatic"', '"planar"']
-    quoted = list(re.finditer('"[^"]*"', URDF))
-    tags = list(re.finditer("<[^>]*>", URDF))
-    texts = []
-    for number in range(count):
-        if number % 4 == 3:  # without one tag
-            tag = tags[random.integers(len(tags))]
-            texts.append(URDF[: tag.start()] + URDF[tag.end() :])
-            continue
-        text = URDF
-        for _ in range(random.integers(1, 4)):
-            if number % 4 == 2:
-                at, length = random.integers(len(text)), random.integers(40)
-                new = "".join(map(chr, random.integers(1, 0xD800, size=random.integers(5))))
-                text = text[:at] + new + text[at + length :]
-            else:
-                word = quoted[random.integers(len(quoted))].group()
-                text = text.replace(word, words[random.integers(len(words))], random.integers(1, 3))
-        texts.append(text)
-    return texts
-
-
-def test_a_damaged_urdf_is_a_tree_or_refused():
-    for text in damaged(500):
-        with contextlib.suppress(RobotError):
-            tree = UrdfTree(text)
-            assert tree.links.count(tree.root) == 1
-            assert all(tree.chain(tree.root, link) is not None for link in tree.links)
-
-
 # --- with C++, in a process of its own -------------------------------------------------------
 def fate(text: str, folder: str) -> dict[str, Any]:
     """Return what Pinocchio and PyBullet make of a text: refused, or an arm that is finite."""
@@ -304,17 +267,11 @@ def fates(texts: list[str]) -> list[dict[str, Any]]:
 
 
 def test_no_urdf_ends_the_process_and_what_is_refused_as_an_arm_is_not_simulated():
-    refused = [text for text, _ in REFUSED.values() if len(text) < 10**6]
-    texts = refused + damaged(200)
-    found = fates(texts)
-    for text, each in zip(texts, found, strict=True):
-        assert each.get("finite", True), text
-        assert each.get("simulated", True), text
-        for reason in (each.get("refused", ""), each.get("not simulated", "")):
-            assert len(reason) < LONGEST_REFUSAL
-    for text, each in zip(refused, found, strict=False):
+    texts = [text for text, _ in REFUSED.values() if len(text) < 10**6]
+    for text, each in zip(texts, fates(texts), strict=True):
         assert "refused" in each, text
         assert not each.get("simulated"), text
+        assert len(each["refused"] + each.get("not simulated", "")) < 2 * LONGEST_REFUSAL
 
 
 if __name__ == "__main__":

@@ -323,10 +323,6 @@ def test_with_pairing_by_stamps_a_wrench_that_stops_does_not_end_the_motion(pair
 
 
 # --- activation and tare ---------------------------------------------------------------------
-def activate(node: Controlled) -> None:
-    node.arm.send_next(30)
-    assert node.peer.change_state(node.name, "activate")
-    node.arm.commands.clear()
 
 
 REFUSED = "a wrench above max_activation_force 5 N or max_activation_torque 0.5 Nm is felt: "
@@ -446,21 +442,6 @@ def test_a_sensor_that_repeats_itself_while_states_go_on_does_not_activate(world
     status = world.peer.status(NAME, lambda s: "waiting for 10 wrenches" in s.message)
     assert values(status)["mode"] == "inactive"
     assert arm.commands == []
-
-
-def test_while_it_is_inactive_nothing_waits_and_a_wrench_that_is_back_is_not_told_of(node):
-    words = "states dropped, waiting for what belongs to them"
-    node.arm.sensor.on = False
-    node.arm.ticks(15, dt=0.01)
-    node.status(lambda s: "no valid wrench" in s.message)
-    assert node.peer.change_state(node.name, "deactivate")
-    before = values(node.peer.status(node.name)).get(words)
-    node.arm.send_next(9)
-    assert values(node.peer.status(node.name)).get(words) == before
-    node.arm.sensor.on = True
-    activate(node)
-    felt(node.arm, 20)
-    assert "no valid wrench" not in node.status(lambda s: "active with" in s.message).message
 
 
 def test_a_tare_is_refused_for_too_few_wrenches_and_for_a_contact_that_is_pressed(paired):

@@ -1,21 +1,16 @@
-"""Each node of a moving arm is killed: the others go on, and its successor too.
+"""The controller of a moving arm is killed: the robot brakes, and its successor goes on.
 
 The nodes are in the process of the test, the robot moves in real time by its clock.  Processes that
 are killed are in ``test_faulty_runs.py``.
 """
 
-from typing import Any
-
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
-from in_process import Running, World
-from ros_processes import FRAMES, HOME, MODEL, values
+from ros_processes import FRAMES, MODEL, values
 from sensor_msgs.msg import JointState
 from tolerances import assert_close
 
 from eulerparams_control.messages.from_ros import ns_from_ros
-from eulerparams_control.messages.keys import BEGAN
 
 pytestmark = pytest.mark.slow
 
@@ -30,9 +25,6 @@ MOVES = 0.02
 BEGINS_AT = 1e-6
 # Efforts that hold the arm at rest [Nm]: its inertia times gains times what brakes leave.
 BEARS = 1e-2
-# A robot is so old [s] that the stamps of its successor are far from its own: a clock that goes
-# back by less than state_timeout is another fault.
-OLD = 10.0
 
 GAINS = {"k_Pp": 100.0, "k_Vp": 20.0, "k_Po": 200.0, "k_Vo": 20.0}  # stable with 50 ms of delay
 CONTROLLERS = {
@@ -46,116 +38,48 @@ CIRCLE = {
 }
 
 
-class Cell:
-    """A robot that moves, its controller and its reference; and what they say."""
-
-    def __init__(self, world: World, controller: str) -> None:
-        self.world, self.name = world, controller
-        control, topic = ("torque", "joint_effort")
-        if controller == "clik":
-            control, topic = ("position", "joint_reference")
-        robot = {"control": control, "rate": RATE, "command_timeout": COMMAND_TIMEOUT}
-        self.parameters = {BRIDGE: robot, controller: CONTROLLERS[controller], "reference": CIRCLE}
-        self.states = world.peer.listen(JointState, "joint_states")
-        self.commands = world.peer.listen(JointState, topic)
-        self.statuses = world.peer.listen(DiagnosticArray, "/diagnostics")
-        self.nodes: dict[str, Running] = {}
-        for name in self.parameters:
-            self.start(name)
-        world.until(lambda: self.states and self.fastest > MOVES, "motion")
-
-    def start(self, name: str) -> None:
-        self.nodes[name] = self.world.start(name, self.parameters[name])
-
-    def kill(self, name: str) -> None:
-        self.nodes.pop(name).kill()
-
-    @property
-    def fastest(self) -> float:
-        return float(np.abs(self.states[-1].velocity).max())
-
-    def next_said(self, name: str, words: str = "") -> Any:
-        """Return the next status of a node on /diagnostics with some words."""
-        self.statuses.clear()
-
-        def found() -> Any:
-            said = (s for array in self.statuses for s in array.status if s.name == name)
-            return next((s for s in said if words in s.message), None)
-
-        return self.world.until(found, f"{name} saying '{words}'")
-
-    def goes_on(self) -> None:
-        """Let the controller answer for a while, and assert that no node has ended."""
-        before = len(self.commands)
-        self.world.until(lambda: len(self.commands) > before + 30, "commands")
-        for process in self.nodes.values():
-            assert process.exit_code is None, process.log
-
-
-def stamp(message: Any) -> float:
+def stamp(message):
     return ns_from_ros(message.header.stamp) / 1e9
 
 
-def assert_begins_at_rest(command: Any, state: Any) -> None:
-    """Assert that a command leaves the arm where it was measured: no jump."""
-    assert command.header.stamp == state.header.stamp
-    q = np.array(state.position[:6])
-    if command.effort:
-        assert_close(command.effort, MODEL.dynamic_state(q, np.zeros(6)).g, BEARS)
-    else:
-        assert_close(command.position, q, BEGINS_AT)
-        assert_close(command.velocity, 0, BEGINS_AT)
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_without_the_controller_the_robot_brakes_and_its_successor_begins_without_a_jump(
+    world, name
+):
+    control, topic = ("torque", "joint_effort")
+    if name == "clik":
+        control, topic = ("position", "joint_reference")
+    states = world.peer.listen(JointState, "joint_states")
+    commands = world.peer.listen(JointState, topic)
+    robot = {"control": control, "rate": RATE, "command_timeout": COMMAND_TIMEOUT}
+    for node, parameters in ((BRIDGE, robot), ("reference", CIRCLE)):
+        world.start(node, parameters)
+    controller = world.start(name, CONTROLLERS[name])
 
+    def is_faster(speed):
+        return bool(states) and np.abs(states[-1].velocity).max() > speed
 
-@pytest.fixture(params=CONTROLLERS)
-def cell(request: Any, world: World) -> Cell:
-    return Cell(world, request.param)
-
-
-def test_without_the_reference_the_motion_goes_on_and_its_successor_is_followed_at_once(cell):
-    began = values(cell.next_said(cell.name))[BEGAN]
-    cell.kill("reference")
-    cell.goes_on()
-    assert cell.next_said(cell.name).message.endswith("following a reference")
-    cell.start("reference")
-    cell.world.until(lambda: values(cell.next_said(cell.name))[BEGAN] != began, "the new motion")
-    assert "reference rejected" not in values(cell.next_said(cell.name))
-    assert "two publishers" not in cell.nodes[cell.name].log
-
-
-def test_without_the_controller_the_robot_brakes_and_its_successor_begins_without_a_jump(cell):
-    cell.kill(cell.name)
-    status = cell.next_said(BRIDGE, f"no command for {COMMAND_TIMEOUT} s: braked")
+    world.until(lambda: is_faster(MOVES), "motion")
+    controller.kill()
+    words = f"no command for {COMMAND_TIMEOUT} s: braked"
+    status = world.peer.status(BRIDGE, lambda s: words in s.message)
     assert status.level == b"\x02"
     assert "see whether the controller is alive" in values(status)["remedy"]
-    cell.world.until(lambda: cell.fastest < STANDS, "standstill")
-    braked = stamp(cell.commands[-1]) + COMMAND_TIMEOUT + 5 / RATE
-    assert all(np.abs(s.velocity).max() < STANDS for s in cell.states if stamp(s) > braked)
-    stopped = np.array(cell.states[-1].position[:6])
-    cell.states.clear()
-    cell.commands.clear()
-    cell.start(cell.name)
-    cell.goes_on()
-    first = cell.commands[0]
-    assert_begins_at_rest(first, next(s for s in cell.states if stamp(s) == stamp(first)))
-    cell.next_said(BRIDGE, "commanded")
-    reached = np.array([s.position[:6] for s in cell.states])
+    world.until(lambda: not is_faster(STANDS), "standstill")
+    braked = stamp(commands[-1]) + COMMAND_TIMEOUT + 5 / RATE
+    assert all(np.abs(s.velocity).max() < STANDS for s in states if stamp(s) > braked)
+    stopped = np.array(states[-1].position[:6])
+    states.clear()
+    commands.clear()
+    successor = world.start(name, CONTROLLERS[name])
+    world.until(lambda: len(commands) > 30, "commands")
+    q = next(np.array(s.position[:6]) for s in states if stamp(s) == stamp(commands[0]))
+    if control == "torque":
+        assert_close(commands[0].effort, MODEL.dynamic_state(q, np.zeros(6)).g, BEARS)
+    else:
+        assert_close(commands[0].position, q, BEGINS_AT)
+        assert_close(commands[0].velocity, 0, BEGINS_AT)
+    world.peer.status(BRIDGE, lambda s: "commanded" in s.message)
+    assert successor.exit_code is None
+    reached = np.array([s.position[:6] for s in states])
     assert np.abs(reached - stopped).max() < 1e-3  # it was not moved by taking over [rad]
-
-
-def test_without_the_robot_nothing_is_commanded_and_its_successor_is_held_where_it_is(cell):
-    cell.world.until(lambda: stamp(cell.states[-1]) > OLD, "an old robot")
-    cell.kill(BRIDGE)
-    status = cell.next_said(cell.name, "no valid joint_states within")
-    assert status.level == b"\x02"
-    assert "no commands" in status.message
-    assert stamp(cell.commands[-1]) <= stamp(cell.states[-1])  # nothing beyond the last state
-    cell.states.clear()
-    cell.commands.clear()
-    cell.start(BRIDGE)
-    cell.next_said(cell.name, "holding the measured pose, after a")
-    first = cell.commands[0]
-    assert_begins_at_rest(first, next(s for s in cell.states if stamp(s) == stamp(first)))
-    cell.goes_on()
-    assert_close(cell.states[-1].position[:6], HOME, 1e-2)  # it is held there
-    cell.next_said(BRIDGE, "commanded")

@@ -17,8 +17,6 @@ from ros_processes import (
     FRAMES,
     HOME,
     MODEL,
-    UR5,
-    Arm,
     Array,
     Controlled,
     assert_holds,
@@ -27,7 +25,6 @@ from ros_processes import (
     reference,
     values,
 )
-from samples import rodrigues
 from sensor_msgs.msg import JointState
 from tolerances import LAW_IN_A_NODE, SIMULATED_POSE
 
@@ -135,19 +132,6 @@ def test_a_state_that_comes_later_than_the_best_by_max_latency_is_dropped_and_co
     assert node.peer.counter(node.name, "joint_states rejected", 1) == 1
 
 
-@pytest.mark.parametrize(("name", "frame"), [("tip_frame", "tool1"), ("base_frame", "basis")])
-def test_a_frame_that_the_robot_lacks_is_refused_by_the_reference_node_with_those_it_has(
-    world, name, frame
-):
-    process = world.start("reference", FRAMES | {name: frame})
-    Arm(world, UR5)
-    status = world.peer.status("reference", lambda s: "refused" in s.message)
-    assert status.level == b"\x02"
-    assert f"refused: {name}: unknown frame '{frame}' (did" in status.message
-    assert "known: base, base_link" in status.message
-    assert process.stop() == 0
-
-
 # --- references ------------------------------------------------------------------------------
 def test_references_that_cannot_be_followed_are_refused_and_the_motion_goes_on(node):
     """Not finite, in another frame, or too far; the others: test_messages."""
@@ -225,24 +209,6 @@ def test_a_kinematic_singularity_slows_the_motion_down_and_diagnostics_tell_wher
     assert not any("holding still" in message for message in messages)
 
 
-def test_a_joint_limit_slows_the_motion_down_and_diagnostics_tell_which_joint(node):
-    limit, q = MODEL.limits.upper[5], HOME.copy()
-    q[5] = limit - 0.3
-    start_at(node, q)
-    p, R = pose(q)
-    goal = reference(DesiredFrame(p, R @ rodrigues(0.295, np.array([0.0, 0.0, 1.0]))), times=(0.5,))
-    told = watch(node, goal, count=300, dt=0.004)
-    messages = [each["message"] for each in told]
-    for code in ("approaching", "inside"):
-        assert any(f"slowed down, {code} the limit of wrist_3_joint" in m for m in messages)
-    assert {"approaching", "inside"} <= {each.get("limit of a joint") for each in told}
-    assert min(float(each["pace"]) for each in told if "pace" in each) < 1.0
-    assert node.arm.q[5] <= limit
-    assert node.arm.q[5] > limit - 0.01
-    back = watch(node, reference(DesiredFrame(p, R), times=(0.5,)), count=100, dt=0.004)
-    assert any("leaving the limit of wrist_3_joint" in each["message"] for each in back)
-
-
 # --- what is said, and what leaves -----------------------------------------------------------
 def test_diagnostics_tell_since_when_what_to_do_and_the_last_fault(node):
     arm = node.arm
@@ -284,6 +250,19 @@ def test_a_signal_ends_each_other_node_by_its_own_handler(graph, executable, rea
     errors = [line for line in process.stderr.splitlines() if line.startswith("error: ")]
     assert len(errors) == code
     assert all("too few poses, 0; expected at least 3" in line for line in errors)
+
+
+def test_a_defect_in_what_diagnostics_shows_is_said_and_ends_nothing(world):
+    node = Controlled(world, "clik", FRAMES)
+
+    def gather() -> None:
+        raise ZeroDivisionError("planted")
+
+    node.process.node._health.gather = gather
+    node.status()
+    assert "internal error ZeroDivisionError: planted" in node.process.log
+    assert "of /diagnostics" in node.process.log
+    assert_holds(node.arm.tick(), HOME)
 
 
 # --- however control ends -----------------------------------------------------------------

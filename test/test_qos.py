@@ -4,13 +4,12 @@ from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_processes import FRAMES, HOME, UR5, Controlled, Peer, assert_holds, values
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import String
 from test_sources import REAL, an_arm, go_on
-from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.messages.keys import UNHEARD
 
@@ -96,24 +95,6 @@ def diagnosed(world: Any, name: str, meanwhile: Any = lambda: None) -> str:
     return values(world.peer.status(name, is_said, meanwhile))[UNHEARD]
 
 
-LEADING = {
-    "reference": MultiDOFJointTrajectory,
-    "target_pose": PoseStamped,
-    "target_twist": TwistStamped,
-    "target_wrench": WrenchStamped,
-    "target_stiffness": WrenchStamped,
-}
-
-
-@pytest.mark.parametrize("topic", LEADING)
-def test_whatever_leads_the_arm_is_named_too(world, topic):
-    node = Controlled(world, "impedance_control", FRAMES)
-    world.peer.node.create_publisher(LEADING[topic], topic, BEST_EFFORT)
-    text = diagnosed(world, node.name, node.arm.tick)
-    assert f"/peer publishes /{topic} with the reliability best_effort" in text
-    assert f"qos_overrides./{topic}.subscription.reliability" in text
-
-
 @pytest.mark.parametrize(
     ("executable", "topic", "kind", "parameters"),
     [
@@ -157,6 +138,13 @@ def test_no_state_is_believed_at_activation_beside_a_publisher_that_cannot_be_he
     driver.destroy_node()
     go_on(arm, 1.5)
     assert_holds(arm.commands[-1], HOME)
+
+
+def test_commands_are_kept_for_readers_that_lag_by_a_second(world):
+    node = Controlled(world, "impedance_control", FRAMES).process.node
+    depths = {each.topic_name: each.qos_profile.depth for each in node.publishers}
+    topics = "/joint_effort", "/compliant_frame", "/impedance_control/impedance"
+    assert [depths[topic] for topic in topics] == [1000] * 3
 
 
 def test_the_qos_of_one_input_changes_that_of_no_other(world):

@@ -10,7 +10,7 @@ from typing import Any
 from unittest.mock import Mock
 
 import pytest
-from ros_processes import FRAMES, UR5, values
+from ros_processes import FRAMES, values
 
 NODES = ("impedance_control", "pybullet_bridge")
 UNLIMITED = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
@@ -86,12 +86,6 @@ def test_a_priority_is_that_of_all_threads_and_memory_is_locked_without_a_limit(
     assert (shown["realtime_priority"], shown["locked memory [kB]"]) == ("47", "123")
 
 
-def test_nothing_is_asked_for_by_default(world, system, monkeypatch):
-    monkeypatch.setattr(os, "sched_setaffinity", pytest.fail)
-    world.start("clik")
-    assert (system.priorities, system.limit, system.locked) == ({}, None, None)
-
-
 @pytest.mark.parametrize("name", NODES)
 def test_what_is_not_permitted_is_a_warning_and_the_node_goes_on(world, system, monkeypatch, name):
     refuse = Mock(side_effect=PermissionError(errno.EPERM, "Operation not permitted"))
@@ -117,10 +111,3 @@ def test_a_process_that_may_lock_all_memory_needs_no_other_limit(world, system, 
     system.number = errno.ENOMEM
     (warning,) = warnings(world.start("clik", {**FRAMES, "lock_memory": True}, namespace="/other"))
     assert "lock_memory True is not in force: Cannot allocate memory (errno 12)" in warning
-
-
-def test_they_cannot_be_changed_while_running(world):
-    world.start("clik", {"robot_description": UR5.urdf, **FRAMES})
-    changes = {"realtime_priority": 1, "cpu_affinity": [0], "lock_memory": True}
-    reasons = world.peer.set_parameters("clik", **changes)
-    assert reasons == [f"'{name}' cannot be changed while running" for name in changes]

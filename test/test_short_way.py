@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from arms import HOME, UR5, robot_named
+from arms import HOME, UR5
 
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.control.mode import Mode, Why, contested
@@ -293,34 +293,6 @@ def test_both_ways_command_the_same_whatever_comes(name, event):
         assert short.short_way.detours == before + 1
         EVENTS[event](pair)
         pair.states(60)
-
-
-@pytest.mark.parametrize("noise", [1e-7, 0.0])
-@pytest.mark.parametrize("name", NAMES)
-def test_a_steady_stream_along_a_trajectory_makes_no_detours(name, noise):
-    pair = Pair(name, timed=True)
-    pair.states(30, noise=noise)
-    pair.both(circle)
-    pair.states(10, noise=noise)
-    short, long = pair.sides
-    before = short.short_way.detours
-    pair.states(400, noise=noise)
-    assert short.short_way.detours == before
-    assert long.short_way.detours == 440
-    assert short.mode is Mode.FOLLOWING
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_joints_that_wind_go_the_short_way(name):
-    robot, home = robot_named("jaco")
-    pair = Pair(name, timed=True, robot=robot, home=home)
-    pair.states(30)
-    turning = np.isinf(robot.limits.upper)
-    assert turning.any()
-    pair.states(5, moved=2 * np.pi * turning)  # the driver counts turns otherwise now
-    before = pair.sides[0].short_way.detours
-    pair.states(60, moved=2 * np.pi * turning)
-    assert pair.sides[0].short_way.detours == before
 
 
 def test_a_halt_that_is_over_counts_for_no_other():

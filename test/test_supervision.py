@@ -435,18 +435,6 @@ def test_a_set_point_whose_twist_leads_far_away_is_refused_wherever_it_ends(acce
         running.orders.follow(SetPoint(spinning, 0.1), None)
 
 
-@pytest.mark.parametrize("scheme", [clik, dynamic_control])
-def test_a_second_publisher_of_states_with_a_clock_of_its_own_moves_nothing(scheme):
-    running, t, q, _, now = following(scheme(), now=50.0)
-    commands = []
-    for step in range(1, 400):
-        commands.append(running.step(t + step * MS, q, STILL, now + step * DT))
-        if step % 20 == 0:  # another arm, of another day
-            commands.append(running.step(t + 10**18 + step * MS, q + 0.3, STILL, now + step * DT))
-    after = commands[25:]
-    assert after.count(None) == len(after)
-
-
 def test_a_simulation_that_begins_anew_is_believed_when_it_goes_on_steadily():
     running, _, _, _, now = following(clik(limits=UR5.limits), now=50.0)
     q = HOME + 0.2

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.serialization import deserialize_message, serialize_message
-from ros_processes import FRAMES, Controlled, values
 from samples import examples, uniform
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -21,7 +20,6 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.messages.from_ros import JointStateReader, ns_from_ros, wrench_from_ros
-from eulerparams_control.messages.keys import DESERIALISED
 from eulerparams_control.messages.to_ros import duration_to_ros, motion_to_ros
 from eulerparams_control.messages.wire import Reader, Template, stamp_of
 from eulerparams_control.motion.frames import DesiredFrame
@@ -149,33 +147,6 @@ def expected(kind: str, joints: list[str], stamp: Any, command: JointCommand) ->
     return JointTrajectory(joint_names=joints, points=[point])
 
 
-def test_the_layouts_of_others_are_learnt_up_to_a_number_and_push_out_none_of_ours():
-    plain = []
-    reader = Reader("JointState", lambda data: plain.append(data) or deserialize_message(
-        data, JointState), lambda msg: "a" in msg.name)  # fmt: skip
-    for name in "abcdefghijk" * 2:
-        assert reader.read(serialize_message(JointState(name=[name]))).name == [name]
-    assert len(plain) == 11 + 2
-
-
-def test_a_message_of_the_other_order_of_bytes_goes_the_plain_way_each_time():
-    deserialised: list[bytes] = []
-
-    def plain(data: bytes) -> Any:
-        deserialised.append(data)
-        return deserialize_message(data, WrenchStamped)
-
-    read = Reader("WrenchStamped", plain).read
-    for second in (1, 2, 3):
-        w = np.arange(6.0) + second
-        stamp = np.array([second, 5], ">u4").tobytes()
-        data = b"\0\0\0\0" + stamp + b"\0\0\0\1\0\0\0\0" + w.astype(">f8").tobytes()
-        msg = read(data)
-        assert ns_from_ros(msg.header.stamp) == second * 10**9 + 5
-        assert wrench_from_ros(msg, "").tolist() == w.tolist()
-    assert len(deserialised) == 3
-
-
 def test_what_was_in_memory_between_the_fields_and_behind_them_is_not_written():
     data = serialize_message(JointState(name=["a"], position=[1.0], velocity=[2.0]))
     clean, noisy = bytearray(data + b"\0\0\0"), bytearray(data + b"\1\2\3")
@@ -217,38 +188,3 @@ def test_rclpy_reads_the_compliant_frames_that_are_written(stamps, base, tip, ve
         msg = motion_to_ros(Trajectory([0.0], [frame]), base, tip)
         msg.header.stamp.sec, msg.header.stamp.nanosec = sec, nanosec
         assert sent[-1] == msg
-
-
-@pytest.mark.parametrize(("executable", "inputs"), [("clik", 1), ("impedance_control", 2)])
-def test_only_messages_of_a_new_layout_are_deserialised(world, executable, inputs):
-    node = Controlled(world, executable, FRAMES)
-    node.arm.ticks(50)
-    assert int(values(node.status())[DESERIALISED]) == inputs
-    for _ in range(10):
-        node.arm.send(JointState(name=["finger"], position=[0.01]))
-        node.arm.tick()
-    assert int(values(node.status())[DESERIALISED]) == inputs + 1
-    node.arm.states.publish(b"\0\1\0\0\7")
-    refused = values(node.status(lambda s: "last rejected" in values(s)))["last rejected"]
-    assert refused == "joint_states: 5 bytes are no JointState"
-    assert node.arm.tick().name  # answered as before
-
-
-def test_a_robot_deserialises_only_commands_of_a_new_layout_and_refuses_broken_ones(world):
-    peer, robot = world.peer, "pybullet_bridge"
-    states = peer.listen(JointState, "joint_states")
-    world.start(robot, {"mode": "lockstep", "robot": "panda"})
-    commands = peer.publisher(JointState, "joint_reference")
-    world.until(lambda: states, "the robot")
-    arm, gripper = states[0].name[:7], states[0].name[7:]
-    for k in range(20):
-        names = arm if k < 15 else states[0].name
-        msg = JointState(name=names, position=states[-1].position[: len(names)])
-        msg.header.stamp = states[-1].header.stamp
-        commands.publish(msg)
-        world.until(lambda k=k: len(states) > k + 1, "a step")
-    assert len(gripper) == len(states[-1].position) - 7 == 2
-    commands.publish(b"\0\1\0\0\7")
-    found = values(peer.status(robot, lambda s: "last rejected" in values(s)))
-    assert found["last rejected"] == "joint_reference: 5 bytes are no JointState"
-    assert int(found[DESERIALISED]) == 2 + 1

@@ -35,8 +35,7 @@ from eulerparams_control.errors import NotCompiledError
 
 Array = NDArray[np.float64]
 
-# Who asks for help waits for no compiler.
-_IS_PLAIN = bool(os.environ.get("EULERPARAMS_PLAIN")) or "--help" in sys.argv[1:]
+_IS_PLAIN = bool(os.environ.get("EULERPARAMS_PLAIN"))
 IS_COMPILED = not _IS_PLAIN and bool(importlib.util.find_spec("numba"))
 """Whether formulas are compiled."""
 

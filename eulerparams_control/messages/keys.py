@@ -54,9 +54,6 @@ SLOWED = "slowed trajectory"
 SATURATED = "saturated ticks"
 """How many commands limits have changed since activation."""
 
-DESERIALISED = "messages deserialised"
-"""How many joint_states and wrenches did not come in a layout that was known: one at first."""
-
 WRENCH_FRAME = "wrench frame"
 """In whose axes and about whose origin the wrench is taken to be, and why."""
 

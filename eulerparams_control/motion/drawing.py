@@ -1,4 +1,4 @@
-"""Geometry that views draw: the ellipsoid of a stiffness, the poles of Euler angles."""
+"""Geometry that views draw: the ellipsoid of a stiffness."""
 
 from typing import NamedTuple
 
@@ -35,15 +35,3 @@ def ellipsoid(K: Array, longest: float) -> Ellipsoid:
     most = values[-1]
     shares = np.maximum(values / most, _THIN) if most > 0 else np.full(3, _THIN)
     return Ellipsoid(R, longest * shares)
-
-
-def pole_axes(i: int, k: int, R: Array) -> tuple[Array, Array]:
-    """Return two unit vectors (3,), base frame: R(phi) is at a pole where they are parallel.
-
-    They are axis i of the base and axis k of R = R_i(alpha) R_j(beta) R_k(gamma), of any sequence.
-
-    Args:
-        i, k: first and last axis of the sequence: 0, 1, 2.
-        R: (3, 3) orientation of the frame that has the angles.
-    """
-    return np.eye(3)[i], R[:, k]

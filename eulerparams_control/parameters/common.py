@@ -21,7 +21,6 @@ from eulerparams_control.laws.orientation import (
     SignRule,
     representation,
 )
-from eulerparams_control.laws.orientation.euler_angles import EulerAnglesRepresentation
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.parameters.fields import parameter
@@ -184,7 +183,7 @@ class ControlParameters(RealTimeParameters):
         bounds=(0.0, 10000.0),
     )
     publish_tf: bool = parameter(
-        False, "desired, compliant and actual frame on /tf at 10 Hz, where tf2_msgs is installed"
+        False, "desired, compliant, actual frame on /tf at state_rate, where tf2_msgs is installed"
     )
     autostart: bool = parameter(True, "configure and activate as soon as possible")
 
@@ -242,12 +241,6 @@ class ControlParameters(RealTimeParameters):
     def commands_joints(self) -> bool:
         """Whether commands for the joints are published at all."""
         return self.command_type != NO_COMMANDS
-
-    @property
-    def poles(self) -> tuple[int, int] | None:
-        """First and last axis (0, 1, 2) of the Euler angles in use; None if there are none."""
-        axes = EulerSequence(self.euler_sequence).axes
-        return (axes.i, axes.k) if self.orientation == EulerAnglesRepresentation.name else None
 
     def orientation_options(self) -> OrientationOptions:
         """Return what representations may differ in besides their name."""

@@ -5,15 +5,15 @@ from dataclasses import dataclass
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.parameters.fields import parameter
 
-KEYBOARD, JOY, SPACENAV = "keyboard", "joy", "spacenav"
-NO_AXIS = -1
+KEYBOARD, JOY = "keyboard", "joy"
+NONE = -1
 
 
 @dataclass(frozen=True)
 class TeleopParameters:
     """Parameters of the node ``teleop``."""
 
-    device: str = parameter(KEYBOARD, "what moves the tip", choices=(KEYBOARD, JOY, SPACENAV))
+    device: str = parameter(KEYBOARD, "what moves the tip", choices=(KEYBOARD, JOY))
     frame: str = parameter("", "link whose axes the twist is in; empty: the base frame")
     linear_speed: float = parameter(
         0.1, "at full deflection, or of a key", unit="m/s", bounds=(1e-3, 1.0)
@@ -21,7 +21,6 @@ class TeleopParameters:
     angular_speed: float = parameter(
         0.4, "at full deflection, or of a key", unit="rad/s", bounds=(1e-3, 4.0)
     )
-    rate: float = parameter(50.0, "of target_twist", unit="Hz", bounds=(20.0, 1000.0))
     key_timeout: float = parameter(
         0.1, "a key moves the tip for, until it repeats", unit="s", bounds=(0.02, 1.0)
     )
@@ -29,16 +28,14 @@ class TeleopParameters:
         0.2, "silence of the device that stops the tip", unit="s", bounds=(0.02, 1.0)
     )
     axes: tuple[int, ...] = parameter(
-        (1, 0, 4, NO_AXIS, NO_AXIS, 3),
+        (1, 0, 4, NONE, NONE, 3),
         "of joy, for x, y, z and the turns about them; -1: none",
-        bounds=(NO_AXIS, 99),
+        bounds=(NONE, 99),
     )
     signs: tuple[float, ...] = parameter(
         (1.0, 1.0, 1.0, 1.0, 1.0, 1.0), "of these axes, or scales", bounds=(-1.0, 1.0)
     )
-    deadman: int = parameter(
-        4, "button of joy that has to be pressed; -1: none", bounds=(NO_AXIS, 99)
-    )
+    deadman: int = parameter(4, "button of joy that has to be pressed", bounds=(0, 99))
     deadzone: float = parameter(0.05, "deflection that counts as none", bounds=(0.0, 0.9))
 
     def __post_init__(self) -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from operator import itemgetter
-from typing import Any, Protocol
+from typing import Any
 
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
@@ -51,23 +51,6 @@ def _numbers(kind: str, c: JointCommand) -> tuple[list[str], Numbers] | None:
 
 
 _OF_A_FRAME = "p_d", "eps", "eta", "dp_d", "omega_d", "ddp_d", "domega_d"
-
-
-class Commands(Protocol):
-    """What publishes the commands of a scheme."""
-
-    @property
-    def topic(self) -> str:
-        """The topic of the commands."""
-
-    def publish(self, stamp: Any, command: JointCommand) -> None:
-        """Publish a command under the stamp of the joint_states that it answers."""
-
-    def count_subscribers(self) -> int:
-        """Return how many listen to the commands."""
-
-    def destroy(self) -> None:
-        """Take the publishers off the graph."""
 
 
 class CommandPublisher:
@@ -151,7 +134,7 @@ class ComplianceCommands:
     """
 
     def __init__(
-        self, node: Node, base_frame: str, tip_frame: str, efforts: Commands | None
+        self, node: Node, base_frame: str, tip_frame: str, efforts: "Commands | None"
     ) -> None:
         self._node, self._efforts = node, efforts
         self._frames = base_frame, tip_frame
@@ -191,6 +174,9 @@ class ComplianceCommands:
         self._node.destroy_publisher(self._publisher)
         if self._efforts is not None:
             self._efforts.destroy()
+
+
+Commands = CommandPublisher | ComplianceCommands
 
 
 class ImpedancePublisher[T]:

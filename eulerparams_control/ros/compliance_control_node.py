@@ -10,12 +10,12 @@ from eulerparams_control.control.controller import Controller
 from eulerparams_control.laws.compliance_control import ComplianceControl, Springs, effects_of
 from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.laws.scheme import Tick
-from eulerparams_control.messages.markers import Stiffness
 from eulerparams_control.messages.to_ros import springs_to_ros
 from eulerparams_control.parameters.compliance_control import ComplianceParameters
 from eulerparams_control.ros.commands import ImpedancePublisher
 from eulerparams_control.ros.control_node import ControlNode
 from eulerparams_control.ros.runtime import run
+from eulerparams_control.ros.rviz import Stiffness
 from eulerparams_control.ros.target_wrench import TargetWrench
 from eulerparams_control.ros.targets import Topics
 
@@ -55,7 +55,7 @@ class ComplianceControlNode(ControlNode):
         scheme = self._controller.scheme if self._controller else None
         if not isinstance(scheme, ComplianceControl):
             return None
-        return Stiffness(scheme.law.stiffness(tick.desired.R_d), tick.state.p_e)
+        return scheme.law.stiffness(tick.desired.R_d), tick.state.p_e
 
     def values_of(self, tick: Tick) -> dict[str, str | int | float]:
         """Return what /diagnostics shows of a tick."""
@@ -63,14 +63,10 @@ class ComplianceControlNode(ControlNode):
         fed = scheme.fed if isinstance(scheme, ComplianceControl) else np.zeros(3)
         return {
             "force fed forward [N]": float(np.linalg.norm(fed)),
-            "elastic force [N]": float(np.linalg.norm(effects.f)),
-            "elastic moment [Nm]": float(np.linalg.norm(effects.mu)),
             "displacement [m]": float(np.linalg.norm(tick.dp_de)),
             "displacement [rad]": angle_between(tick.desired.R_d, tick.state.R_e),
             "elastic energy [J]": effects.energy,
-            "stretch of the springs": tick.excess,
             "their clips lowered by": effects.lowered,
-            "rate of the fastest mode [1/s]": effects.rate,
         }
 
 

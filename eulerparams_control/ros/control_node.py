@@ -18,23 +18,25 @@ from eulerparams_control.control.clock import steady
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.mode import NO_STATES, Mode, Why, contested, replaced, stuck
 from eulerparams_control.control.orders import Orders
-from eulerparams_control.errors import InvalidMessageError, listed
+from eulerparams_control.errors import InvalidMessageError, defect, listed
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import Tick
 from eulerparams_control.messages.from_ros import shown
 from eulerparams_control.messages.keys import Lifecycle
-from eulerparams_control.messages.markers import Stiffness
 from eulerparams_control.ros.control_report import ControlReport
 from eulerparams_control.ros.diagnostics import ERROR
 from eulerparams_control.ros.managed_node import ManagedNode
 from eulerparams_control.ros.message_info import NUMBER
 from eulerparams_control.ros.publishers import names_of_publishers, unheard
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED
+from eulerparams_control.ros.rviz import RViz, Stiffness
 from eulerparams_control.ros.targets import Leaders, Topics
-from eulerparams_control.ros.views import ArmView, Views
 
 # The ages are looked at again after this time [s] at the earliest.
 _LEAST_WATCH = 0.02
+
+# Time [s] between two views in RViz.
+_VIEW_PERIOD = 0.1
 
 # Time [s] after which publishers that are there are known.
 _DISCOVERY = 5.0
@@ -48,7 +50,8 @@ class ControlNode(ManagedNode):
 
     def __init__(self) -> None:
         super().__init__()
-        self._report = ControlReport(self, self._health, self._input)
+        on_tf = self._params.publish_tf
+        self._report = ControlReport(self, self._health, self._input, on_tf=on_tf)
         self._is_heard, self._began = False, steady.now()
         self._dispute = Why()  # about whose joint_states come
         self._rivals: list[str] = []  # the names of who publish them
@@ -57,13 +60,12 @@ class ControlNode(ManagedNode):
         self._period = int(1e9 / rate) if rate > 0 else 0  # of ~/pose and the like [ns]
         self._health.check, self._health.gather = self._once_a_second, self._gather
         self._shown: Tick | None = None
-        self._views = Views(
-            self, self._health, self._params.publish_tf, self._look, self.stiffness_of
-        )
+        self._rviz = RViz(self)
         period = max(self._params.state_timeout / 2, _LEAST_WATCH)
-        self.create_timer(period, self.watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        for seconds, callback in ((period, self.watch), (_VIEW_PERIOD, self._show)):
+            self.create_timer(seconds, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._subscribe()
-        leaders = self._input, self._views.target, self.leaders()
+        leaders = self._input, self._rviz, self.leaders()
         self._leaders = Leaders(self, self._params, *leaders)
         self.create_service(Trigger, "~/halt", partial(self._on_order, Orders.halt))
         self.create_service(Trigger, "~/resume", partial(self._on_order, Orders.resume))
@@ -334,12 +336,15 @@ class ControlNode(ManagedNode):
             self._report.show(controller, tick, self._params)
             values.update(self.values_of(tick))
 
-    def _look(self) -> ArmView | None:
-        """Return what is to be seen of the arm; None while it is not controlled."""
+    def _show(self) -> None:
+        """Show the arm in RViz: a failure must not end the node that controls it."""
         controller, measured = self._controller, self._input.measured
-        if controller is None or measured is None:
-            return None
-        return ArmView(controller, measured, self._stamp, self._is_silent, self._params)
+        if controller is None or measured is None or self._is_silent:
+            return
+        try:
+            self._rviz.show(controller, measured, self.stiffness_of)
+        except Exception as error:
+            self._health.complain(f"{defect(error)}, of ~/markers", error=True, about="~/markers")
 
     def _say(self) -> None:
         """Report what the controller does, or why it holds still, if that has changed."""

@@ -1,10 +1,12 @@
 """Reports of a control node: ~/pose, ~/desired, ~/error, ~/lyapunov and /diagnostics."""
 
+from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseStamped, TwistStamped
+from geometry_msgs.msg import PoseStamped, TransformStamped, TwistStamped
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import MultiDOFJointTrajectory
@@ -22,9 +24,13 @@ from eulerparams_control.messages.to_ros import (
     lyapunov_to_ros,
     motion_to_ros,
     pose_to_ros,
+    quaternion_to_ros,
+    vector_to_ros,
 )
+from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.parameters.common import ControlParameters
+from eulerparams_control.robot.robot import RobotState
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.publishers import names_of_publishers, publishers_of
 from eulerparams_control.ros.state_input import StateInput
@@ -39,9 +45,12 @@ class ControlReport:
         node: the node that reports.
         health: of the node.
         states: that the node answers.
+        on_tf: whether the frames are on /tf, too, where tf2_msgs is installed.
     """
 
-    def __init__(self, node: Node, health: diagnostics.Health, states: StateInput) -> None:
+    def __init__(
+        self, node: Node, health: diagnostics.Health, states: StateInput, *, on_tf: bool
+    ) -> None:
         self._node, self._health, self._states = node, health, states
         self._next = 0
         self._cut = self._restarts = 0  # of the controller, a second ago
@@ -52,6 +61,12 @@ class ControlReport:
         self._desired = node.create_publisher(MultiDOFJointTrajectory, "~/desired", 10)
         self._error = node.create_publisher(TwistStamped, "~/error", 10)
         self._lyapunov = node.create_publisher(Float64MultiArray, "~/lyapunov", 10)
+        self._frames: Any = None
+        if on_tf and find_spec("tf2_msgs"):
+            self._tf = import_module("tf2_msgs.msg").TFMessage
+            self._frames = node.create_publisher(self._tf, "/tf", 100)
+        elif on_tf:
+            health.complain("publish_tf: tf2_msgs is not installed; no frames on /tf")
 
     def note(self, why: Why) -> None:
         """Show a warning with the state from now on; Why() takes it back."""
@@ -151,6 +166,8 @@ class ControlReport:
         if self._pose.get_subscription_count():
             arm = robot.state(q, dq) if tick is None else tick.state
             self._pose.publish(pose_to_ros(arm.p_e, arm.R_e, stamp, frame))
+        if self._frames is not None:
+            self._publish_frames(tick, robot.state(q, dq), stamp, frame)
         if tick is None:
             return
         if self._desired.get_subscription_count():
@@ -164,6 +181,21 @@ class ControlReport:
             if lyapunov is not None:
                 self._lyapunov.publish(lyapunov_to_ros(*lyapunov))
 
+    def _publish_frames(self, tick: Tick | None, arm: RobotState, stamp: Time, base: str) -> None:
+        """Publish the frames of a tick on /tf; their names begin with that of the node."""
+        frames = {"actual": DesiredFrame(arm.p_e, arm.R_e)}
+        if tick is not None:
+            frames["desired"] = tick.desired
+            if tick.command.frame is not None:
+                frames["compliant"] = tick.command.frame
+        name = self._node.get_fully_qualified_name().strip("/")  # two arms share /tf
+        found = [TransformStamped(child_frame_id=f"{name}/{which}") for which in frames]
+        for msg, frame in zip(found, frames.values(), strict=True):
+            msg.header.stamp, msg.header.frame_id = stamp, base
+            msg.transform.translation = vector_to_ros(frame.p_d)
+            msg.transform.rotation = quaternion_to_ros(frame.R_d)
+        self._frames.publish(self._tf(transforms=found))
+
     def counts(self, controller: Controller) -> Values:
         """Return what a controller has counted, whether or not it moves."""
         motion = controller.guidance.motion
@@ -172,20 +204,13 @@ class ControlReport:
             SLOWED: motion.slowed,
             FROZEN: int(controller.scheme.is_frozen),
             "references ahead of joint_states [s]": motion.ahead,
-            "references that never began": motion.lost,
             SATURATED: controller.guidance.saturated,
-            "commands bounded by the guard": controller.limiter.bounded,
-            "restarts after a gap of joint_states": controller.supervisor.resets,
             "states that went the long way": controller.short_way.detours,
         }
 
     def show(self, controller: Controller, tick: Tick, parameters: ControlParameters) -> None:
         """Show the values of a tick in /diagnostics."""
         self._health.values.update(_values(controller, tick, parameters))
-        if controller.scheme.lyapunov(tick) is None:
-            self._health.values["Lyapunov function"] = f"none for {parameters.orientation}"
-        else:
-            self._health.values.pop("Lyapunov function", None)
 
     def state(self, controller: Controller, orientation: str) -> None:
         """Report what the controller does, or why it holds still, if that has changed."""

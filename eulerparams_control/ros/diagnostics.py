@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message
 from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import InvalidMessageError, defect, kind_of
 from eulerparams_control.events import Event, tell
-from eulerparams_control.messages.keys import CAUSE, DESERIALISED, MODE, REMEDY, SINCE, UNHEARD
+from eulerparams_control.messages.keys import CAUSE, MODE, REMEDY, SINCE, UNHEARD
 from eulerparams_control.messages.wire import Reader
 from eulerparams_control.ros.publishers import unheard
 from eulerparams_control.ros.qos import QOS_LATCHED
@@ -171,7 +171,6 @@ class Health:
         """Return what reads messages of a type; raises InvalidMessageError if they are broken."""
 
         def plain(data: bytes) -> Any:
-            self.count(DESERIALISED)
             try:
                 return deserialize_message(data, kind)
             except RMWError as error:

@@ -18,7 +18,6 @@ from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.laws.scheme import Scheme, Tick
 from eulerparams_control.messages.keys import WRENCH_FRAME
-from eulerparams_control.messages.markers import Stiffness
 from eulerparams_control.messages.to_ros import impedance_to_ros
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.common import LATEST
@@ -30,6 +29,7 @@ from eulerparams_control.ros.publishers import refuse_two_publishers, unheard
 from eulerparams_control.ros.qos import QOS
 from eulerparams_control.ros.resting_contact import RestingContact, norms
 from eulerparams_control.ros.runtime import run
+from eulerparams_control.ros.rviz import Stiffness
 from eulerparams_control.ros.target_stiffness import TargetStiffness, stiffness_from_ros
 from eulerparams_control.ros.target_wrench import AT_ITS_END, TargetWrench
 from eulerparams_control.ros.targets import Topics
@@ -279,7 +279,7 @@ class ImpedanceControlNode(ControlNode):
         if tick.command.frame is None or not isinstance(scheme, ImpedanceControl):
             return None
         centre = tick.command.frame.carrying(self._params.centre(scheme.robot))
-        return Stiffness(scheme.compliance_now.stiffness(tick.desired.R_d), centre.p_d)
+        return scheme.compliance_now.stiffness(tick.desired.R_d), centre.p_d
 
     def values_of(self, tick: Tick) -> dict[str, str | int | float]:
         """Return what /diagnostics shows of a tick."""

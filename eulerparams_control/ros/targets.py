@@ -22,10 +22,10 @@ from eulerparams_control.messages.from_ros import (
 )
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.common import LATEST, ControlParameters
-from eulerparams_control.ros.interactive_target import FEEDBACK, InteractiveTarget
 from eulerparams_control.ros.managed_node import ManagedNode
 from eulerparams_control.ros.publishers import refuse_two_publishers
 from eulerparams_control.ros.qos import QOS
+from eulerparams_control.ros.rviz import FEEDBACK, RViz
 from eulerparams_control.ros.state_input import StateInput
 
 # A target whose stamp goes back within this time [s] was overtaken on its way; later, a clock was
@@ -46,7 +46,7 @@ class Leaders:
         node: that listens.
         parameters: of the node; those that count here are fixed while it is active.
         states: of the arm.
-        target: the marker that is dragged.
+        rviz: whose target is dragged.
         more: topics of the scheme.
 
     Raises:
@@ -61,11 +61,11 @@ class Leaders:
         node: ManagedNode,
         parameters: ControlParameters,
         states: StateInput,
-        target: InteractiveTarget,
+        rviz: RViz,
         more: Topics,
     ) -> None:
         self._node, self._parameters = node, parameters
-        self._states, self._target = states, target
+        self._states, self._rviz = states, rviz
         self._newest: dict[str, tuple[int, float]] = {}  # stamp [ns] and receipt [s] of a target
         self._topics: Topics = {
             "reference": (MultiDOFJointTrajectory, self._follow),
@@ -143,7 +143,7 @@ class Leaders:
         controller.orders.jog(twist, self._now)
 
     def _drag(self, controller: Controller, msg: InteractiveMarkerFeedback) -> None:
-        goal = self._target.released(msg, (controller, controller.supervisor.stops))
+        goal = self._rviz.released(msg, (controller, controller.supervisor.stops))
         if goal is not None:
             self._aim(controller, goal)
 

@@ -1,0 +1,162 @@
+"""RViz and other views: what their files name, ~/markers, /tf, a target that is dragged."""
+
+import json
+import math
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import yaml
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from ros_processes import FRAMES, HOME, Controlled, pose, values
+from visualization_msgs.msg import InteractiveMarkerFeedback as Feedback
+from visualization_msgs.msg import InteractiveMarkerUpdate, MarkerArray
+from visualization_msgs.srv import GetInteractiveMarkers
+
+from eulerparams_control.control.controller import Controller
+from eulerparams_control.messages.from_ros import vector_from_ros
+from eulerparams_control.messages.to_ros import pose_to_ros, stamp_to_ros
+
+VIEWS = Path(__file__).parents[1] / "config" / "views"
+KINDS = {
+    "RobotModel": "std_msgs/msg/String",
+    "MarkerArray": "visualization_msgs/msg/MarkerArray",
+    "Wrench": "geometry_msgs/msg/WrenchStamped",
+}
+P_E, R_E = pose(HOME)
+UP = np.array([0.0, 0.0, 0.02])
+PUSH = (3.0, -2.0, 4.0, 0.1, 0.2, -0.3)
+
+
+def number(topics, path):
+    """Return a number at a path of a topic and fields, as the views name it."""
+    topic = next(each for each in topics if path.startswith((f"{each}/", f"{each}.")))
+    kinds = (PoseStamped, TwistStamped, WrenchStamped)
+    value = {f"geometry_msgs/msg/{each.__name__}": each for each in kinds}[topics[topic]]()
+    for field in path.removeprefix(topic)[1:].replace(".", "/").split("/"):
+        value = getattr(value, field)
+    return value
+
+
+def test_the_views_show_what_there_is(world):
+    world.start("pybullet_bridge", {"mode": "lockstep"})
+    for name in Controlled.ARMS:
+        world.start(name, FRAMES)
+    topics = {name: types[0] for name, types in world.peer.node.get_topic_names_and_types()}
+    view = yaml.safe_load((VIEWS / "arm.rviz").read_text(encoding="utf-8"))
+    for display in view["Visualization Manager"]["Displays"]:
+        if topic := display.get("Topic") or display.get("Description Topic"):
+            assert topics[f"/{topic['Value']}"] == KINDS[display["Class"].rpartition("/")[2]]
+        if server := display.get("Interactive Markers Namespace"):
+            assert topics[f"/{server}/update"] == "visualization_msgs/msg/InteractiveMarkerUpdate"
+    for panel in json.loads((VIEWS / "foxglove.json").read_text())["configById"].values():
+        assert {*panel.get("topics", {})} | {panel.get("topicToRender", "/clock")} <= {*topics}
+        assert all(number(topics, path["value"]) == 0 for path in panel.get("paths", ()))
+    curves = [each.get("name") for each in ET.parse(VIEWS / "plotjuggler.xml").iter("curve")]
+    assert len(curves) > 20
+    assert all(number(topics, curve) in (0.0, 1.0) for curve in curves)
+
+
+def test_frames_wrench_and_stiffness_are_drawn_where_they_are_and_never_old(world, monkeypatch):
+    name, stiffness = "impedance_control", {"K_p": [1000.0, 500.0, 250.0]}
+    running = Controlled(world, name, FRAMES | stiffness, namespace="/left")
+    arrays = world.peer.listen(MarkerArray, f"/left/{name}/markers")
+    report, frames = running.process.node._report, []  # as with tf2_msgs, which pip has not
+    report._tf, report._frames = SimpleNamespace, SimpleNamespace(publish=frames.append)
+    running.arm.push(*PUSH)
+    running.arm.ticks(30)
+
+    def drawn():
+        arrays.clear()
+        world.until(lambda: (running.arm.tick(), arrays)[1], "markers")
+        return {marker.ns: marker for marker in arrays[-1].markers}
+
+    def ends(marker):
+        return np.array([vector_from_ros(p) for p in marker.points])
+
+    markers = drawn()
+    assert markers.keys() == {"desired", "actual", "compliant", "force", "moment", "stiffness"}
+    assert {marker.header.frame_id for marker in markers.values()} == {FRAMES["base_frame"]}
+    for each, within in (("desired", 1e-6), ("actual", 1e-3)):
+        points = ends(markers[each])
+        assert points[::2] == pytest.approx(np.array([P_E] * 3), abs=within)
+        assert pytest.approx(R_E, abs=10 * within) == (points[1::2] - points[::2]).T / 0.1
+    for each, length, part in (("force", 0.005, PUSH[:3]), ("moment", 0.05, PUSH[3:])):
+        start, end = ends(markers[each])
+        assert (end - start) / length == pytest.approx(np.array(part), abs=1e-6)
+    scale = sorted(vector_from_ros(markers["stiffness"].scale))
+    assert scale == pytest.approx([0.05, 0.1, 0.2])  # diameters, as the stiffnesses
+    found = {each.child_frame_id: each.transform.translation for each in frames[-1].transforms}
+    assert found.keys() == {f"left/{name}/{of}" for of in ("desired", "actual", "compliant")}
+    assert vector_from_ros(found[f"left/{name}/desired"]) == pytest.approx(P_E, abs=1e-6)
+    world.advance(1.0)  # no states come
+    arrays.clear()
+    world.advance(2.0)
+    assert arrays == []
+    monkeypatch.setattr(Controller, "fault", "stopped")
+    assert drawn().keys() == {"actual"}
+
+
+# --- the target, which the mouse moves -------------------------------------------------------
+@pytest.fixture
+def clik(world):
+    clik = Controlled(world, "clik", FRAMES)
+    clik.updates = world.peer.listen(InteractiveMarkerUpdate, "clik/target/update")
+    clik.mouse = world.peer.publisher(Feedback, "clik/target/feedback")
+    clik.arm.tick()
+    return clik
+
+
+def send(clik, *kinds, p=P_E + UP, frame_id=FRAMES["base_frame"]):
+    at = pose_to_ros(p, R_E, stamp_to_ros(0), frame_id)
+    for kind in kinds:
+        clik.mouse.publish(Feedback(header=at.header, pose=at.pose, event_type=kind))
+
+
+def height(clik):
+    clik.arm.tick()
+    return pose(clik.arm.q)[0][2] - P_E[2]
+
+
+DRAG = Feedback.MOUSE_DOWN, Feedback.POSE_UPDATE, Feedback.MOUSE_UP
+
+
+def test_the_target_is_at_the_tip_and_is_gone_to_when_it_is_released_not_while_it_is_dragged(clik):
+    clik.graph.until(lambda: (clik.arm.tick(), len(clik.updates) > 1)[1], "two updates")
+    ((marker,), (moved,)) = clik.updates[0].markers, clik.updates[1].poses
+    assert vector_from_ros(marker.pose.position) == pytest.approx(P_E, abs=1e-6)
+    assert moved.pose == marker.pose
+    asked = GetInteractiveMarkers, "clik/target/get_interactive_markers"
+    given = clik.peer.call(*asked, GetInteractiveMarkers.Request()).markers
+    assert [each.name for each in given] == [marker.name]
+    assert sorted(control.interaction_mode for control in marker.controls) == [3] * 3 + [5] * 3
+    send(clik, *DRAG[:2])
+    shown = len(clik.updates)
+    clik.graph.advance(1.0)
+    assert max(height(clik) for _ in range(300)) < 1e-6
+    assert len(clik.updates) == shown  # it stays with the mouse
+    send(clik, Feedback.MOUSE_UP)
+    clik.graph.until(lambda: height(clik) > 0.999 * UP[2], "the arm at the target")
+
+
+@pytest.mark.parametrize("bad", [{"p": P_E + math.nan}, {"frame_id": "nowhere"}])
+def test_an_impossible_target_is_rejected_and_moves_nothing(clik, bad):
+    send(clik, *DRAG, **bad)
+    assert clik.status(lambda s: "~/target/feedback rejected" in values(s))
+    assert height(clik) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_click_moves_nothing_and_a_drag_that_began_before_a_fault_does_not_end_it(clik):
+    send(clik, Feedback.MOUSE_DOWN, Feedback.MOUSE_UP, *DRAG[:2])
+    clik.status()
+    assert height(clik) == pytest.approx(0.0, abs=1e-6)
+    clik.arm.send(clik.arm.message(clik.arm.q + 1e-3))  # under the stamp of the last one
+    clik.status(lambda s: values(s)["cause"] == "stamp_stuck")
+    clik.arm.ticks(200, dt=0.01)
+    send(clik, Feedback.MOUSE_UP)
+    clik.status(lambda s: "~/target/feedback rejected" in values(s))
+    assert values(clik.status())["mode"] == "stopped"
+    send(clik, *DRAG)
+    clik.graph.until(lambda: height(clik) > 0.999 * UP[2], "the arm at the target")
