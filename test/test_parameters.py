@@ -33,9 +33,9 @@ from eulerparams_control.lab.fault_injector_node import InjectorParameters
 from eulerparams_control.parameters.fields import fields_of, from_mapping, parameter
 from eulerparams_control.parameters.reference import ReferenceParameters
 from eulerparams_control.parameters.schemes import schemes
-from eulerparams_control.resources import config_folder, config_names
 from eulerparams_control.parameters.teleop import TeleopParameters
 from eulerparams_control.parameters.watchdog import WatchdogParameters
+from eulerparams_control.resources import config_folder, config_names
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.ros.parameter_files import refuse_misspelt_sections
 from eulerparams_control.ros.parameters import declare

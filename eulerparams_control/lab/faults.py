@@ -244,10 +244,12 @@ def _numbers(
     value: Any, field: str, path: str = ""
 ) -> Iterator[tuple[float, Callable[[float], None]]]:
     """Yield the numbers of a message in ``field``, each with a function that puts another there."""
+    store: Callable[[Any, Any, Any], None]
+    entries: list[tuple[Any, str, Any]]
     if isinstance(value, list | array):
         store, entries = setitem, [(k, f"{path}[{k}]", entry) for k, entry in enumerate(value)]
     else:
-        names = getattr(value, "get_fields_and_field_types", dict)()
+        names: dict[str, str] = getattr(value, "get_fields_and_field_types", dict)()
         store, entries = setattr, [(n, f"{path}.{n}".lstrip("."), getattr(value, n)) for n in names]
     for key, inner, entry in entries:
         if not isinstance(entry, float):

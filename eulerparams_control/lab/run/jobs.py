@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -19,7 +20,7 @@ def processes(count: int) -> Iterator[Executor]:
     try:
         yield pool
     finally:
-        manager = pool._executor_manager_thread
+        manager: threading.Thread | None = pool._executor_manager_thread  # type: ignore[assignment]
         pool.shutdown(wait=False, cancel_futures=True)  # waits for a submit that goes on
         for process in list(started.values()):
             process.terminate()

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.colors import LogNorm
 
 from eulerparams_control.errors import SingularityError
-from eulerparams_control.lab.experiments.library import Result
+from eulerparams_control.lab.experiments.library import Number, Result
 from eulerparams_control.lab.experiments.library._map import COLUMNS, Column, Map
 from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFrame
 from eulerparams_control.laws.impedance_matrices import Impedance, damping_of_ratio
@@ -53,7 +53,8 @@ def turn(law: ComplianceLaw, R_d: Array, mu: Array) -> Array:
 
 def result(outcomes: dict[str, Array]) -> Result:
     """Return the ranges of all representations; of Euler angles k/(1+s) to k/(1-s) by (58)."""
-    rows, numbers = {}, {}
+    rows: dict[str, tuple[Array, list[str]]] = {}
+    numbers: dict[str, Number] = {}
     for name, extreme in (("largest", np.nanmax), ("smallest", np.nanmin)):
         values = outcomes[name][0, :, :, 0]
         rows[name] = values, [f"{np.nanmin(v):.2f} to {np.nanmax(v):.2f}" for v in values]
