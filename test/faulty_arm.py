@@ -3,9 +3,11 @@
 import copy
 import math
 from collections import deque
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from builtin_interfaces.msg import Time
 from sensor_msgs.msg import JointState
 from yardstick import Array, Product, Tick, arm_named
@@ -23,6 +25,7 @@ EPOCH = 10**12  # [ns] of the clock of the robot, so that it can be set back
 STEP_RATE = 1000  # [Hz] of the simulation at least
 PROTECTIVE = 1.5  # a joint this many times as fast as its limit makes the robot stop by itself
 AT_REST = 0.01  # [rad/s]
+BRAKING = 150.0  # [1/s] with which first efforts may brake the motion that they find
 AT_ONCE = 1e-9  # [s] of rounding
 
 
@@ -178,3 +181,36 @@ class FaultyArm:
         is_obeyed = self.product.order(name, *given)
         self.orders += [(self.t, name)] * is_obeyed
         return is_obeyed
+
+    def is_at(self, goal, way, angle):
+        """Return whether the tip is within a way [m] and an angle [rad] of a pose."""
+        p, R = self.arm.pose(self.simulator.motion[0])
+        turned = np.linalg.norm(pin.log3(R.T @ goal[1]))
+        return np.linalg.norm(p - goal[0]) < way and turned < angle
+
+    def beside_weight(self, row, push):
+        """Return how far [Nm] efforts are from the weight, and what brakes and balances a push."""
+        model, q, dq = self.arm.model, row.q, row.dq
+        data, tip = model.createData(), model.getFrameId(self.arm.about.tip_frame)
+        J = pin.computeFrameJacobian(model, data, q, tip, pin.LOCAL_WORLD_ALIGNED)
+        weight, B = pin.rnea(model, data, q, dq, 0 * q), np.abs(pin.crba(model, data, q))
+        allowed = 1.0 + B @ np.abs(BRAKING * dq) + np.abs(J.T) @ push
+        return np.abs(row.command - weight), allowed
+
+    def tip_rates(self, path, shaken, orders):
+        """Yield times [s] and the norms of speed, acceleration, jerk of the tip, to an order.
+
+        Args:
+            path: times and joints (n,).
+            shaken: spans [s] in which there are none.
+            orders: how many there are at most.
+        """
+        rates = []
+        for (t_0, q_0), (t, q) in pairwise(path):
+            (p_0, R_0), (p, R) = self.arm.pose(q_0), self.arm.pose(q)
+            found = [self.rate * np.array([p - p_0, pin.log3(R @ R_0.T)])]
+            for before in rates[: orders - 1]:
+                found.append(self.rate * (found[-1] - before))
+            is_next = 0.5 < (t - t_0) * self.rate < 1.5
+            rates = found if is_next and not any(a <= t < b for a, b in shaken) else []
+            yield t, [np.linalg.norm(rate, axis=1) for rate in rates]
