@@ -10,11 +10,12 @@ import numpy as np
 import pinocchio as pin
 from builtin_interfaces.msg import Time
 from sensor_msgs.msg import JointState
-from yardstick import Array, Product, Tick, arm_named
+from yardstick import Array, Product, Tick, arm_named, smooth, turn
 
 from eulerparams_control.control.senders import UNNUMBERED
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.messages.from_ros import JointStateReader
+from sim_bridge.acceleration import BRIDGED, CommandAcceleration
 from sim_bridge.drive import Drive
 from sim_bridge.drive_modes import DrivePolicy
 from sim_bridge.parameters import SimulatorParameters
@@ -89,6 +90,14 @@ class Channel:
             numbers[1][:] = size * self.fastest
         stamp += round(1e9 * size) * (kind == "jump")
         return [(measured, stamp, *numbers)] * (1 + (kind == "repeat"))
+
+
+def along(poses, t, lasting):
+    """Return the frame at t [s], ``lasting`` [s] from pose to pose, at rest at each."""
+    k, s = divmod(max(0.0, t) / lasting, 1.0)
+    (p, R), (p_1, R_1) = (poses[min(int(k) + i, len(poses) - 1)] for i in (0, 1))
+    (s, ds, _), x = smooth(s), pin.log3(R.T @ R_1)
+    return p + s * (p_1 - p), R @ turn(s * x), ds / lasting * (p_1 - p), ds / lasting * (R @ x)
 
 
 class FaultyArm:
@@ -181,6 +190,36 @@ class FaultyArm:
         is_obeyed = self.product.order(name, *given)
         self.orders += [(self.t, name)] * is_obeyed
         return is_obeyed
+
+    @property
+    def answers(self):
+        """The rows with a command."""
+        return [row for row in self.rows if row.command is not None]
+
+    def follows(self, before, row):
+        """Return whether a command acts while the one before, or None, still does."""
+        return before and before.life == row.life and row.t - before.t <= TIMEOUT + AT_ONCE
+
+    def too_hard(self, most):
+        """Yield positions that ask for more than ``most`` [rad/s^2], as a robot sees it.
+
+        Of several at once it takes the last.  What came late is caught up with, and so is a gap
+        where the three periods that are stepped over are more than a robot bridges.
+        """
+        rows, period, late, n = self.answers, 1 / self.rate, -1.0, self.arm.n
+        no = np.zeros(n, dtype=bool)
+        robot = CommandAcceleration(self.arm.about.joints, np.full(n, most), no, no, 1 / STEP_RATE)
+        pairs = zip([None, *rows], rows, [*rows[1:], None], strict=False)
+        for before, row, after in pairs if self.is_position else ():
+            if not self.follows(before, row):
+                robot.rest()
+            gap = row.t - before.t if before else period
+            is_far = gap > period + BRIDGED and 2 * period > BRIDGED
+            late = row.t if is_far or (gap < period / 2 and row.stamp != before.stamp) else late
+            if after is None or after.t > row.t:
+                text = robot.judge(row.command[:n], row.command[n:], row.stamp, row.t, row.q)
+                if text and row.t > late + TIMEOUT:
+                    yield row.t, text
 
     def is_at(self, goal, way, angle):
         """Return whether the tip is within a way [m] and an angle [rad] of a pose."""
