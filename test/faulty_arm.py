@@ -3,16 +3,19 @@
 import copy
 import math
 from collections import deque
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 from builtin_interfaces.msg import Time
 from sensor_msgs.msg import JointState
-from yardstick import Array, Product, Tick, arm_named
+from yardstick import Array, Product, Tick, arm_named, smooth, turn
 
 from eulerparams_control.control.senders import UNNUMBERED
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.messages.from_ros import JointStateReader
+from sim_bridge.acceleration import BRIDGED, CommandAcceleration
 from sim_bridge.drive import Drive
 from sim_bridge.drive_modes import DrivePolicy
 from sim_bridge.parameters import SimulatorParameters
@@ -23,6 +26,7 @@ EPOCH = 10**12  # [ns] of the clock of the robot, so that it can be set back
 STEP_RATE = 1000  # [Hz] of the simulation at least
 PROTECTIVE = 1.5  # a joint this many times as fast as its limit makes the robot stop by itself
 AT_REST = 0.01  # [rad/s]
+BRAKING = 150.0  # [1/s] with which first efforts may brake the motion that they find
 AT_ONCE = 1e-9  # [s] of rounding
 
 
@@ -86,6 +90,14 @@ class Channel:
             numbers[1][:] = size * self.fastest
         stamp += round(1e9 * size) * (kind == "jump")
         return [(measured, stamp, *numbers)] * (1 + (kind == "repeat"))
+
+
+def along(poses, t, lasting):
+    """Return the frame at t [s], ``lasting`` [s] from pose to pose, at rest at each."""
+    k, s = divmod(max(0.0, t) / lasting, 1.0)
+    (p, R), (p_1, R_1) = (poses[min(int(k) + i, len(poses) - 1)] for i in (0, 1))
+    (s, ds, _), x = smooth(s), pin.log3(R.T @ R_1)
+    return p + s * (p_1 - p), R @ turn(s * x), ds / lasting * (p_1 - p), ds / lasting * (R @ x)
 
 
 class FaultyArm:
@@ -178,3 +190,66 @@ class FaultyArm:
         is_obeyed = self.product.order(name, *given)
         self.orders += [(self.t, name)] * is_obeyed
         return is_obeyed
+
+    @property
+    def answers(self):
+        """The rows with a command."""
+        return [row for row in self.rows if row.command is not None]
+
+    def follows(self, before, row):
+        """Return whether a command acts while the one before, or None, still does."""
+        return before and before.life == row.life and row.t - before.t <= TIMEOUT + AT_ONCE
+
+    def too_hard(self, most):
+        """Yield positions that ask for more than ``most`` [rad/s^2], as a robot sees it.
+
+        Of several at once it takes the last.  What came late is caught up with, and so is a gap
+        where the three periods that are stepped over are more than a robot bridges.
+        """
+        rows, period, late, n = self.answers, 1 / self.rate, -1.0, self.arm.n
+        no = np.zeros(n, dtype=bool)
+        robot = CommandAcceleration(self.arm.about.joints, np.full(n, most), no, no, 1 / STEP_RATE)
+        pairs = zip([None, *rows], rows, [*rows[1:], None], strict=False)
+        for before, row, after in pairs if self.is_position else ():
+            if not self.follows(before, row):
+                robot.rest()
+            gap = row.t - before.t if before else period
+            is_far = gap > period + BRIDGED and 2 * period > BRIDGED
+            late = row.t if is_far or (gap < period / 2 and row.stamp != before.stamp) else late
+            if after is None or after.t > row.t:
+                text = robot.judge(row.command[:n], row.command[n:], row.stamp, row.t, row.q)
+                if text and row.t > late + TIMEOUT:
+                    yield row.t, text
+
+    def is_at(self, goal, way, angle):
+        """Return whether the tip is within a way [m] and an angle [rad] of a pose."""
+        p, R = self.arm.pose(self.simulator.motion[0])
+        turned = np.linalg.norm(pin.log3(R.T @ goal[1]))
+        return np.linalg.norm(p - goal[0]) < way and turned < angle
+
+    def beside_weight(self, row, push):
+        """Return how far [Nm] efforts are from the weight, and what brakes and balances a push."""
+        model, q, dq = self.arm.model, row.q, row.dq
+        data, tip = model.createData(), model.getFrameId(self.arm.about.tip_frame)
+        J = pin.computeFrameJacobian(model, data, q, tip, pin.LOCAL_WORLD_ALIGNED)
+        weight, B = pin.rnea(model, data, q, dq, 0 * q), np.abs(pin.crba(model, data, q))
+        allowed = 1.0 + B @ np.abs(BRAKING * dq) + np.abs(J.T) @ push
+        return np.abs(row.command - weight), allowed
+
+    def tip_rates(self, path, shaken, orders):
+        """Yield times [s] and the norms of speed, acceleration, jerk of the tip, to an order.
+
+        Args:
+            path: times and joints (n,).
+            shaken: spans [s] in which there are none.
+            orders: how many there are at most.
+        """
+        rates = []
+        for (t_0, q_0), (t, q) in pairwise(path):
+            (p_0, R_0), (p, R) = self.arm.pose(q_0), self.arm.pose(q)
+            found = [self.rate * np.array([p - p_0, pin.log3(R @ R_0.T)])]
+            for before in rates[: orders - 1]:
+                found.append(self.rate * (found[-1] - before))
+            is_next = 0.5 < (t - t_0) * self.rate < 1.5
+            rates = found if is_next and not any(a <= t < b for a, b in shaken) else []
+            yield t, [np.linalg.norm(rate, axis=1) for rate in rates]
