@@ -423,19 +423,6 @@ def test_a_signal_ends_the_runs_that_go_on_and_begins_no_other(watch, monkeypatc
     assert sorted(ends) == ["a", "b"]
 
 
-def test_what_recorders_of_a_run_before_have_left_is_removed(monkeypatch, tmp_path):
-    def record(*_: object) -> None:
-        raise RunStopped
-
-    left = tmp_path / "logs/first/part_1"
-    left.mkdir(parents=True)
-    monkeypatch.setattr(runner, "_record", record)
-    experiment = Experiment("e", "claim", (), {"first": Variant({}, 1.0)}, ())
-    with pytest.raises(RunStopped):
-        runner.run_variant(experiment, "first", tmp_path, lambda _: None)
-    assert not left.exists()
-
-
 # --- processes ---------------------------------------------------------------------------------
 def test_at_the_end_processes_are_ended_whatever_they_do():
     with jobs.processes(1) as pool:

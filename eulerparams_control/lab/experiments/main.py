@@ -5,10 +5,9 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -42,19 +41,13 @@ def main(args: list[str] | None = None) -> int:
 
     Returns:
         the exit code: 0 if every criterion that was judged is met, 1 if one is not, 2 if one
-        could not run or after an error.
+        could not run or after an error, 130 after a signal.
     """
-    options = _parse(args)
+    options, console = _parse(args), make_console()
     is_list = options.list or not (options.names or options.paper or options.compare)
-    return run_experiments(partial(_list if is_list else _run, options))
-
-
-def run_experiments(run: Callable[[Console], Sequence[Outcome]]) -> int:
-    """Return the exit code for the outcomes of experiments, or after a signal, that of Ctrl-C."""
-    console = make_console()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        outcomes = run(console)
+        outcomes = (_list if is_list else _run)(options, console)
     except EulerParamsError as error:
         say(console, f"error: {error}", "red")
         return 2
@@ -64,22 +57,6 @@ def run_experiments(run: Callable[[Console], Sequence[Outcome]]) -> int:
     if any(outcome.error for outcome in outcomes):
         return 2
     return 1 if any(outcome.missed for outcome in outcomes) else 0
-
-
-def run_tasks(
-    tasks: Sequence[Task],
-    jobs: int,
-    console: Console,
-    details: bool = True,
-    again: bool = False,
-    scheduler: str = "",
-) -> list[Outcome]:
-    """Return the outcomes of tasks, ``jobs`` runs at a time; their folders are locked."""
-    with ExitStack() as locks:
-        for task in tasks:
-            locks.enter_context(locked(task.folder))
-        with Display(console, tasks, details) as display:
-            return Schedule(tasks, jobs, display, again, scheduler).run()
 
 
 def _parse(args: list[str] | None) -> argparse.Namespace:
@@ -167,9 +144,12 @@ def _run(options: argparse.Namespace, console: Console) -> list[Outcome]:
     out = options.out
     one_page = options.paper or options.compare
     tasks = [Task(e, out / e.name, check_names(options.variant, e)) for e in experiments]
-    outcomes = run_tasks(
-        tasks, options.jobs, console, not one_page, options.again, options.scheduler
-    )
+    with ExitStack() as stack:
+        for task in tasks:
+            stack.enter_context(locked(task.folder))
+        display = stack.enter_context(Display(console, tasks, details=not one_page))
+        schedule = Schedule(tasks, options.jobs, display, options.again, options.scheduler)
+        outcomes = schedule.run()
     if one_page:
         _write_paper(out, outcomes, console, options.compare)
     return outcomes

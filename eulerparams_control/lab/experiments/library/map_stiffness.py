@@ -58,7 +58,6 @@ def result(outcomes: dict[str, Array]) -> Result:
     for name, extreme in (("largest", np.nanmax), ("smallest", np.nanmin)):
         values = outcomes[name][0, :, :, 0]
         rows[name] = values, [f"{np.nanmin(v):.2f} to {np.nanmax(v):.2f}" for v in values]
-        text = f"{name} apparent over chosen stiffness"
-        numbers |= MAP.numbers(name, extreme(values, axis=1), text)
+        numbers |= MAP.numbers(name, extreme(values, axis=1), f"{name} apparent over chosen")
     label, ticks = "apparent stiffness / K_o  [1]", (1 / 16, 1 / 4, 1 / 2, 1, 2, 4, 16)
     return Result(numbers, MAP.spheres(rows, LogNorm(1 / 16, 16), "PuOr", label, ticks, "both"))
