@@ -13,7 +13,7 @@ import math
 from array import array
 from bisect import insort
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from operator import itemgetter, setitem
 from typing import Any, ClassVar, override
@@ -258,20 +258,15 @@ def _numbers(
             yield entry, partial(store, value, key)
 
 
+@dataclass
 class Stage:
-    """Applies a fault to the messages of a topic.
+    """A fault at work on the messages of a topic, with its own random numbers."""
 
-    Attributes:
-        first: the first message that was hit, where the fault repeats it.
-        held: what comes out later, each with the time at which it is due [s], in their order.
-        not_before: when what is not hit may come out [s], behind what is held.
-    """
-
-    def __init__(self, fault: MessageFault, random: np.random.Generator) -> None:
-        self.fault, self.random = fault, random
-        self.first: Any = None
-        self.held: list[tuple[float, Any]] = []
-        self.not_before = -math.inf
+    fault: MessageFault
+    random: np.random.Generator
+    first: Any = None  # message that was hit, where the fault repeats it
+    held: list[tuple[float, Any]] = field(default_factory=list)  # when due [s], and the message
+    not_before: float = -math.inf  # [s], for a message that is not hit, behind what is held
 
     def take(self, t: float, msg: Any) -> list[Any]:
         """Return what comes out at t [s], as ``msg`` goes in, after what was due before."""
