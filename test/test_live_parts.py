@@ -5,6 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import TwistStamped, WrenchStamped
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParameters
 from std_srvs.srv import Trigger
 from tolerances import assert_close
 from websockets.exceptions import InvalidStatus
@@ -25,7 +28,9 @@ from eulerparams_control.live.geometry import (
 )
 from eulerparams_control.live.panel import what_to_do
 from eulerparams_control.live.ros.exchange import Exchange
+from eulerparams_control.live.ros.pilot import Pilot
 from eulerparams_control.live.view import View
+from eulerparams_control.messages.to_ros import vector_to_ros
 from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
@@ -205,3 +210,56 @@ def test_services_are_called_one_after_the_other_and_none_after_a_refusal(graph)
     exchange.call("halt")  # by somebody else, before anything is answered
     assert ends("halt, called later", "halt") == ["halt"] * 3
     assert len(services) == 3
+
+
+def test_a_jog_is_along_the_axes_chosen_and_a_pushed_moment_is_a_force_at_a_tenth_of_a_metre(world):
+    def in_base(w):
+        msg = WrenchStamped()
+        msg.wrench.force, msg.wrench.torque = map(vector_to_ros, np.split(w, 2))
+        return msg
+
+    twists = world.peer.listen(TwistStamped, "target_twist")
+    wrenches = world.peer.listen(WrenchStamped, "external_wrench")
+    robot = SimpleNamespace(base_frame="base", tip_frame="tip")
+    arm = SimpleNamespace(robot=robot, wrench_to_ros=in_base)
+    exchange = SimpleNamespace(values={"max_linear_speed": 0.2, "max_angular_speed": 0.4})
+    notices = SimpleNamespace(guarded=lambda _, act, *args: act(*args))
+    pilot = Pilot(world.create_node("page"), exchange, arm, None, notices)
+
+    def obey(deed, *value):
+        pilot.desk.put(Order(1, deed, value, world.now))
+        world.act(lambda: (pilot.turn(world.now), pilot.send(world.now)))
+
+    for axes, frame in (("base", "base"), ("tool", "tip")):
+        obey(Deed.JOG, 1.0, 0, 0.5, axes)
+        assert (twists[-1].header.frame_id, twists[-1].twist.linear.x) == (frame, 0.1)
+        obey(Deed.RELEASE)
+        world.advance(2.0)  # another button: the one before is not held any more
+    obey(Deed.PUSH, 1.0, 1, 20.0)
+    assert wrenches[-1].wrench.force.y == 20.0
+    obey(Deed.RELEASE)
+    world.advance(2.0)
+    obey(Deed.PUSH, 1.0, 4, 20.0)
+    assert wrenches[-1].wrench.torque.y == pytest.approx(2.0)
+
+
+def test_a_parameter_that_the_controller_refuses_is_shown_as_it_was(graph):
+    def answer(request, response):
+        response.results = [
+            SetParametersResult(successful=each.name == "k", reason="too much")
+            for each in request.parameters
+        ]
+        return response
+
+    node, said = graph.peer.node, []
+    service = node.create_service(SetParameters, "arm/set_parameters", answer)
+    exchange = Exchange(node, "arm", [], {}, *2 * [lambda *words: said.append(words)])
+    graph.until(exchange._set.service_is_ready, "the service")
+    exchange.values = {"k": 1.0, "K": [1.0, 2.0]}
+    exchange.want("k", 0, 3.0)
+    exchange.want("K", 1, 9.0)
+    exchange.turn(0.0)
+    graph.until(lambda: exchange.hear(0.0) or not exchange._calls, "the answer")
+    assert exchange.values == {"k": 3.0, "K": [1.0, 2.0]}
+    assert said == [("The controller refuses this", "too much")]
+    node.destroy_service(service)
