@@ -11,6 +11,7 @@ from arms import robot_named
 from leaning import Hand, Leaning, Wall, most_that_joints_hold
 
 from eulerparams_control.control.mode import Cause, Mode
+from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.hold import JointHold
 from eulerparams_control.motion.frames import DesiredFrame
 
@@ -190,3 +191,25 @@ def test_a_joint_without_an_effort_limit_is_held_as_the_others_are(lost):
         tau = hold.effort(0.001, state, nothing, nothing, None)
         assert (tau - state.g)[joint] < -0.05  # drawn back
         hold = JointHold(limits, limits.effort_rate, robot.length, begun, nothing, None, False)
+
+
+@pytest.mark.parametrize("law", ["dynamic_control", "impedance_control", "compliance_control"])
+def test_an_arm_that_ran_away_gets_no_efforts_until_it_is_resumed(law):
+    leaning = Leaning(law, "ur5")
+    leaning.run(0.1)
+    leaning.plant.dq = 2.0 * leaning.plant.robot.limits.velocity
+    leaning.plant.step(leaning.tau, leaning.force, leaning.dt)
+    leaning.tick()
+    assert leaning.controller.why.cause is Cause.RUNAWAY
+    assert leaning.run(2.0, until=lambda: leaning.mode is Mode.STOPPED)
+    leaning.forget()
+    leaning.run(1.0)
+    assert leaning.efforts == [None] * len(leaning.efforts)
+    here = leaning.scheme.frame_at(leaning.plant.q)
+    with pytest.raises(InvalidMessageError, match="~/resume"):
+        leaning.controller.orders.aim(here, leaning.now)
+    leaning.controller.orders.resume()
+    leaning.run(0.2)
+    assert leaning.mode is Mode.HOLDING
+    assert leaning.efforts[-1] is not None
+    assert leaning.gave_way < GIVES_WAY
