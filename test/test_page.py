@@ -20,7 +20,7 @@ from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.quantities import BY_NAME
 from eulerparams_control.analysis.quantities.base import Prediction
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.verdict import Verdict
+from eulerparams_control.analysis.verdict import Verdict, groups
 from eulerparams_control.bags.format import BagFlaw, BagWarning
 from eulerparams_control.robot.robot import Robot
 
@@ -152,6 +152,13 @@ def test_every_verdict_is_on_the_page_if_there_are_any(page, tmp_path):
     without = page_of(tmp_path, pair(tmp_path), "", "")
     assert not re.search("Criteria|criteria met", without)
     assert "<h1>Largest orientation error: " in without
+
+
+def test_a_criterion_that_one_variant_misses_is_missed():
+    missed = replace(MET, variant="wild", measured=9.0, met=False)
+    assert [group.met for group in groups([MET, missed])] == [False]
+    assert [group.met for group in groups([missed, MET])] == [False]
+    assert [group.met for group in groups([MET, replace(MET, variant="wild")])] == [True]
 
 
 def test_the_peak_of_one_sample_is_drawn_beside_the_calm_run(page):
