@@ -4,7 +4,6 @@ A module ``map_NAME.py`` has ``MAP``, its cells; ``simulate``, a function of a c
 it runs; and ``result``, the numbers and the picture of all outcomes.
 """
 
-import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -92,7 +91,7 @@ class Map:
     def sweep(self, simulate: Simulate, pool: Executor | None = None) -> dict[str, Array]:
         """Return the outcomes (tasks, columns, directions, trials); without a pool from here."""
         shape = len(self.tasks), len(self.columns), self.directions, self.trials
-        cells, cell = itertools.product(*map(range, shape)), partial(self._outcomes, simulate)
+        cells, cell = [*np.ndindex(*shape)], partial(self._outcomes, simulate)
         rows = list(pool.map(cell, cells, chunksize=50) if pool else map(cell, cells))
         return {name: np.array([row[name] for row in rows]).reshape(shape) for name in rows[0]}
 
