@@ -1,9 +1,10 @@
 """Maps: a function of a cell, many cells over the direction of the tool axis, and their picture.
 
-A module ``map_NAME.py`` has ``MAP``, its cells; ``simulate``, a function of a cell alone wherever
-it runs; and ``result``, the numbers and the picture of all outcomes.
+A module ``map_NAME`` has its cells, ``MAP``, the function ``simulate`` and, of all its outcomes,
+the numbers and the picture, ``result``.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -44,8 +45,8 @@ class Column:
     @cached_property
     def representation(self) -> OrientationRepresentation:
         """The representation."""
-        options = OrientationOptions(sequence=EulerSequence(self.sequence))
-        return representation(self.orientation, options)
+        sequence = EulerSequence(self.sequence)
+        return representation(self.orientation, OrientationOptions(sequence=sequence))
 
 
 COLUMNS = (
@@ -56,9 +57,9 @@ COLUMNS = (
     Column("vector", "rotation vector", "rotation_vector"),
     Column("parameters", "Euler parameters", "euler_parameters"),
 )
-"""The representations that the laws have."""
 
-type Simulate = Callable[[Column, float, Array, Generator], Mapping[str, float]]
+type Outcome = Mapping[str, float]
+type Simulate = Callable[[Column, float, Array, Generator], Outcome]
 """Gives the outcomes of a cell: of a representation, a task, R (3, 3) and random numbers."""
 
 
@@ -80,7 +81,7 @@ class Map:
     trials: int = 1
     tasks: Sequence[float] = (0.0,)
 
-    @cached_property
+    @property
     def tool_axes(self) -> Array:
         """The directions (N, 3): Fibonacci's lattice."""
         index = np.arange(self.directions)
@@ -89,21 +90,23 @@ class Map:
         return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=1)
 
     def sweep(self, simulate: Simulate, pool: Executor | None = None) -> dict[str, Array]:
-        """Return the outcomes (tasks, columns, directions, trials); without a pool from here."""
+        """Return outcomes (tasks, columns, directions, trials), simulated in a pool or here."""
         shape = len(self.tasks), len(self.columns), self.directions, self.trials
-        cells, cell = [*np.ndindex(*shape)], partial(self._outcomes, simulate)
-        rows = list(pool.map(cell, cells, chunksize=50) if pool else map(cell, cells))
+        batches = list(itertools.batched(np.ndindex(*shape), 50))
+        found = (pool.map if pool else map)(partial(self._outcomes, simulate), batches)
+        rows = [row for batch in found for row in batch]
         return {name: np.array([row[name] for row in rows]).reshape(shape) for name in rows[0]}
 
-    def _outcomes(self, simulate: Simulate, cell: Sequence[int]) -> Mapping[str, float]:
-        task, column, direction, trial = cell
-        random = default_rng([self.seed, direction * self.trials + trial])
-        R = _with_tool_axis(self.tool_axes[direction], random.uniform(-math.pi, math.pi))
-        return simulate(self.columns[column], self.tasks[task], R, random)
+    def _outcomes(self, simulate: Simulate, cells: Iterable[Sequence[int]]) -> list[Outcome]:
+        axes = self.tool_axes
+        rows: list[Outcome] = []
+        for task, column, direction, trial in cells:
+            random = default_rng([self.seed, direction * self.trials + trial])
+            R = _with_tool_axis(axes[direction], random.uniform(-math.pi, math.pi))
+            rows.append(simulate(self.columns[column], self.tasks[task], R, random))
+        return rows
 
-    def numbers(
-        self, name: str, values: Iterable[float], text: str, unit: str = ""
-    ) -> dict[str, Number]:
+    def numbers(self, name: str, values: Array, text: str, unit: str = "") -> dict[str, Number]:
         """Return a number of each column, ``KEY_NAME``."""
         return {
             f"{column.key}_{name}": Number(float(value), f"{column.label}: {text}", unit)
@@ -127,11 +130,9 @@ class Map:
                 written below each sphere.
             norm, colours, label, ticks, extend: of the scale, as matplotlib has them.
         """
-        count = len(self.columns)
-        figure = Figure(figsize=(1.45 * count + 0.6, 1.0 * len(rows) + 0.85))
-        grid = figure.subplots(
-            len(rows), count, squeeze=False, subplot_kw={"projection": "mollweide"}
-        )
+        shape = len(rows), len(self.columns)
+        figure = Figure(figsize=(1.45 * shape[1] + 0.6, 1.0 * shape[0] + 0.85))
+        grid = figure.subplots(*shape, squeeze=False, subplot_kw={"projection": "mollweide"})
         for row, (name, (values, below)) in zip(grid, rows.items(), strict=True):
             row[0].text(-0.06, 0.5, name, transform=row[0].transAxes, rotation=90,
                         ha="right", va="center")  # fmt: skip
