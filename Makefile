@@ -8,7 +8,7 @@ READY := $(VENV)/.rest
 FLOOR := .venv-floor
 # Laws, nodes, bags, analysis: what calls the libraries whose versions differ.
 FLOOR_TESTS := rotations orientation dynamic impedance impedance_metrics analysis analyze static_figures \
-  bag_format bag_recorder markers nodes impedance_node
+  bag_format bag_recorder rviz nodes impedance_node
 OUT ?= out
 JOBS ?=
 

@@ -2,6 +2,8 @@
 
 import json
 import multiprocessing
+import os
+import select
 import shutil
 import socket
 import subprocess
@@ -328,6 +330,23 @@ def test_one_failure_ends_its_experiment_but_not_the_others(watch):
     assert [outcome.experiment.name for outcome in watch.outcomes] == ["e1", "e2"]
 
 
+def dies_at_e1(experiment, folder, runs):  # type: ignore[no-untyped-def]
+    """Look at the runs of an experiment; at those of the first one the process ends."""
+    if experiment.name == "e1":
+        os._exit(1)
+    return Outcome(experiment, folder, sentence="-".join(runs))
+
+
+def test_where_the_process_that_looks_has_died_another_looks_at_the_next(watch, monkeypatch):
+    monkeypatch.setattr(schedule, "processes", jobs.processes)
+    monkeypatch.setattr(schedule, "look", dies_at_e1)
+    watch.add("e1", "a")
+    watch.add("e2", "b")
+    first, second = watch.run(lambda *_: None)
+    assert "terminated abruptly" in first.error
+    assert (second.error, second.sentence) == ("", "b")
+
+
 def test_a_run_whose_recorder_starved_is_run_once_more_when_no_other_goes_on(watch):
     going: list[str] = []
     beside: list[list[str]] = []
@@ -432,6 +451,23 @@ def test_at_the_end_processes_are_ended_whatever_they_do():
             pass
     assert isinstance(waiting.exception(PATIENCE / 2), BrokenExecutor)
     assert not multiprocessing.active_children()
+
+
+def test_processes_end_with_a_parent_that_is_killed():
+    code = (
+        "import os; from eulerparams_control.lab.run.jobs import processes; "
+        "pool = processes(1); worker = pool.__enter__().submit(os.getpid).result(); "
+        "print(worker, flush=True); sys.stdin.read()"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", f"import sys; {code}"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as parent:
+        assert parent.stdout is not None
+        worker = os.pidfd_open(int(parent.stdout.readline()))
+        parent.kill()
+    ended, _, _ = select.select([worker], [], [], PATIENCE)
+    os.close(worker)
+    assert ended
 
 
 def test_a_process_that_is_being_started_at_the_end_is_ended_too(monkeypatch):

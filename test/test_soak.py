@@ -49,6 +49,8 @@ def test_latency_states_answered_and_growth_of_memory_are_of_the_time_after_the_
     assert measure("states_answered", run) == pytest.approx(99.0)
     for percent, latency in ((50, 0.4), (98, 0.4), (100, 2.0)):
         assert measure("round_trip", run, percent=percent) == pytest.approx(latency, rel=EXACT)
+    # from the second command after one that did not come, which is late, to the next
+    assert measure("longest_silence", run) == pytest.approx(21.6, rel=EXACT)
     for node, growth in zip(NODES, (60, 0, 0, 0), strict=True):
         assert measure("memory_growth", run, node=node) == pytest.approx(growth, abs=1e-3)
     assert BY_NAME["memory"].of(run)[1][-1] == pytest.approx([100 + 19 / 60, 100, 100, 100])
@@ -60,7 +62,8 @@ def test_a_duration_without_unit_too_short_or_of_a_run_in_lock_step_is_refused()
     for name, duration in (("soak", "20"), ("soak", "1s")):
         with pytest.raises(SystemExit, match="2"):
             main([name, "--duration", duration])
-    assert main(["demo", "--duration", "20m"]) == 2
+    for name in ("demo", "map_failure"):
+        assert main([name, "--duration", "20m"]) == 2
 
 
 def test_the_circle_outlasts_a_soak_of_any_duration():
@@ -77,7 +80,7 @@ def test_a_short_soak_has_all_its_numbers_from_its_bag(tmp_path):
     summary = json.loads((tmp_path / "soak/summary.json").read_text())
     assert code == (0 if summary["met"] else 1)
     measured = [float(verdict["measured"]) for verdict in summary["criteria"]]
-    assert len(measured) == 7
+    assert len(measured) == 8
     assert all(map(math.isfinite, measured))
     assert 50 < measured[0] <= 100  # of 250 states a second: a busy machine gives up some
     assert 0 < measured[1] <= measured[2] <= measured[3]

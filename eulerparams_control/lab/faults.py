@@ -11,7 +11,7 @@ A run repeats: what comes out depends on the seed, the messages and their times 
 import copy
 import math
 from array import array
-from bisect import insort
+from bisect import bisect_right, insort
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -283,8 +283,9 @@ class Stage:
 
     def due(self, t: float) -> list[Any]:
         """Return what was held back, and comes out now, at t [s]."""
-        out = [msg for due, msg in self.held if due <= t]
-        del self.held[: len(out)]
+        count = bisect_right(self.held, t, key=itemgetter(0))
+        out = [msg for _, msg in self.held[:count]]
+        del self.held[:count]
         return out
 
 

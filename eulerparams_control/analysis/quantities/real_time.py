@@ -58,7 +58,8 @@ class RealTimeRun(NamedTuple):
         counts: (N,) whether a state was sent after the warm-up and before the end.
         sampled: (K,) [s] when memory was sampled, on the axis of ``t``.
         memory: (K, 4) [MB] of the nodes.
-        begin: [s] the end of the warm-up.
+        commands: (M,) [s] when commands were received, on the axis of ``t``.
+        begin, end: [s] of what is judged.
     """
 
     t: Array
@@ -66,7 +67,9 @@ class RealTimeRun(NamedTuple):
     counts: NDArray[np.bool_]
     sampled: Array
     memory: Array
+    commands: Array
     begin: float
+    end: float
 
 
 def real_time(recording: Recording) -> RealTimeRun:
@@ -92,13 +95,16 @@ def _read(path: Path, namespace: str, _version: int) -> RealTimeRun:
     latency = (answers.received[first][place] - asked.sent) / 1e9
     sampled, sent = (samples[:, 0] - asked.sent[0]) / 1e9, (asked.sent - asked.sent[0]) / 1e9
     begin = sampled[0] + min(_WARM_UP, (sampled[-1] - sampled[0]) / 5)
+    end = sampled[-1] - _LAST
     return RealTimeRun(
         (asked.stamp - asked.stamp[0]) / 1e9,
         np.where(stamps[place] == asked.stamp, latency, np.nan),
-        (sent >= begin) & (sent < sampled[-1] - _LAST),
+        (sent >= begin) & (sent < end),
         sampled,
         samples[:, 1:] / 1e6,
+        np.sort(answers.received - asked.sent[0]) / 1e9,
         begin,
+        end,
     )
 
 
@@ -118,6 +124,14 @@ def round_trip(recording: Recording, percent: float = 99.0) -> float:
     run = real_time(recording)
     answered = run.latency[run.counts & np.isfinite(run.latency)]
     return 1e3 * float(np.percentile(answered, percent)) if len(answered) else np.nan
+
+
+@metric("ms")
+def longest_silence(recording: Recording) -> float:
+    """Longest time without a command."""
+    run = real_time(recording)
+    inside = run.commands[(run.commands > run.begin) & (run.commands < run.end)]
+    return 1e3 * float(np.diff(inside, prepend=run.begin, append=run.end).max())
 
 
 @metric("MB/h")

@@ -120,7 +120,8 @@ def lasting(experiment: Experiment, seconds: float) -> Experiment:
         nodes = {**given.nodes, "reference": reference}
         return replace(given, nodes=nodes, duration=seconds)
 
-    if not all(given.real_time and not given.faults for given in experiment.variants.values()):
+    runs = experiment.variants.values()
+    if not runs or not all(given.real_time and not given.faults for given in runs):
         raise ConfigurationError(
             f"--duration: {experiment.name} has a duration of its own; expected an experiment "
             "with real_time: true and without faults, such as soak"

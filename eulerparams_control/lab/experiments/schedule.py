@@ -8,7 +8,14 @@ and the same code is not run again.  A run whose recorder starved is run once mo
 
 import threading
 from collections.abc import Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed, wait
+from concurrent.futures import (
+    BrokenExecutor,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    as_completed,
+    wait,
+)
 from contextlib import ExitStack
 from functools import partial
 from typing import Self
@@ -205,6 +212,7 @@ class Schedule:
         self._tasks, self._jobs, self._display, self._again = tasks, jobs, display, again
         self._scheduler = scheduler
         self._stop = threading.Event()
+        self._looker: Executor
         self._looks: dict[str, Future[Outcome]] = {}
         self._whys: dict[tuple[str, str], str] = {}  # runs are made again
 
@@ -215,7 +223,7 @@ class Schedule:
             # Ended from the last one up; a signal interrupts no thread but this one.
             lookers = ThreadPoolExecutor(1)
             stack.callback(lookers.shutdown, cancel_futures=True)
-            looker = stack.enter_context(processes(1))
+            self._looker = stack.enter_context(processes(1))
             workers = cluster(self._scheduler) if self._scheduler else processes(self._jobs)
             cells = stack.enter_context(workers)
             threads = ThreadPoolExecutor(self._jobs)
@@ -223,7 +231,7 @@ class Schedule:
             stack.callback(self._stop.set)  # ends all runs with their nodes
 
             def end(task: Task) -> None:
-                looking = lookers.submit(self._look, looker, cells, task)
+                looking = lookers.submit(self._look, stack, cells, task)
                 self._looks[task.experiment.name] = looking
 
             for task in self._tasks:
@@ -274,7 +282,7 @@ class Schedule:
         self._display.ended(*key, f"{run.seconds:.1f} s{again}", duration)
         return run
 
-    def _look(self, looker: Executor, cells: Executor, task: Task) -> Outcome:
+    def _look(self, stack: ExitStack, cells: Executor, task: Task) -> Outcome:
         """Return the outcome of an experiment, after all its runs."""
         outcome = Outcome(task.experiment, task.folder, error=task.error)
         try:
@@ -283,8 +291,10 @@ class Schedule:
                 if is_map(task.experiment.library):
                     outcome = look(task.experiment, task.folder, runs, cells)
                 else:
-                    outcome = looker.submit(look, task.experiment, task.folder, runs).result()
+                    outcome = self._looker.submit(look, task.experiment, task.folder, runs).result()
         except Exception as error:  # of any kind: the others go on
+            if isinstance(error, BrokenExecutor):  # the process has died
+                self._looker = stack.enter_context(processes(1))
             outcome = Outcome(task.experiment, task.folder, error=text_of(error))
         if not self._stop.is_set():
             self._display.finished(outcome)

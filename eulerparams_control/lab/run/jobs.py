@@ -9,6 +9,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 
 from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.lab.run.processes import end_with_parent
 
 
 @contextmanager
@@ -30,7 +31,8 @@ def processes(count: int) -> Iterator[Executor]:
 
 
 def _be_quiet() -> None:
-    """Ignore Ctrl-C, which the process that started us passes on; silence the libraries."""
+    """End with who started us, and not by Ctrl-C, which it passes on; silence the libraries."""
+    end_with_parent(signal.SIGTERM)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     silence = os.open(os.devnull, os.O_WRONLY)
     for stream in (1, 2):

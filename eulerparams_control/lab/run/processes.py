@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
@@ -34,12 +34,16 @@ _POLL = 0.01  # [s] between two looks at what is due
 _PRCTL = getattr(ctypes.CDLL(None), "prctl", None)
 
 
-def _end_with(parent: int) -> None:
-    """Have this process interrupted when the thread that started it ends, also by a kill."""
+def end_with_parent(number: signal.Signals) -> None:
+    """Have this process get a signal when the thread that started it ends, also by a kill."""
     if _PRCTL:
-        _PRCTL(1, signal.SIGINT)
-        if os.getppid() != parent:  # it has ended before
-            os._exit(1)
+        _PRCTL(1, number)
+
+
+def _end_with(parent: int) -> None:
+    end_with_parent(signal.SIGINT)
+    if _PRCTL and os.getppid() != parent:  # it has ended before
+        os._exit(1)
 
 
 class RunStopped(Exception):
@@ -52,7 +56,6 @@ class Nodes:
     Args:
         folder: for their parameter files, logs (stderr) and events (stdout).
         stop: set from another thread when they are to end.
-        prefix: of their commands, where they run on another host.
         own_domain: false: they are in the domain of this process.
 
     Attributes:
@@ -64,11 +67,10 @@ class Nodes:
         self,
         folder: Path,
         stop: threading.Event | None = None,
-        prefix: Sequence[str] = (),
         *,
         own_domain: bool = True,
     ) -> None:
-        self._folder, self._prefix = folder, prefix
+        self._folder = folder
         self._stop = stop or threading.Event()
         self._domain = Domain() if own_domain else None
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
@@ -104,7 +106,7 @@ class Nodes:
         """
         file = self._write(executable, parameters)
         runner = ["eulerparams_control.command_line"] if executable in executables() else []
-        command = [*self._prefix, sys.executable, "-m", *runner, executable, "--ros-args"]
+        command = [sys.executable, "-m", *runner, executable, "--ros-args"]
         command += ["--params-file", str(file), "-r", f"__ns:={namespace}"]
         for topic, other in remaps.items():
             command += ["-r", f"{topic}:={other}"]
