@@ -42,7 +42,7 @@ from eulerparams_control.messages.to_ros import motion_to_ros, stamp_to_ros, wre
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.robot.catalogue import load_robot
-from eulerparams_control.robot.robot import DynamicState, Robot, RobotState, Tool
+from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
 
 ROOT = Path(__file__).resolve().parents[1]
 # A guard against hanging, not a measure: what is waited for takes a second or two.
@@ -653,15 +653,6 @@ class FeelingArm(TorqueArm):
     def __init__(self, graph: Any, robot: Any, namespace: str = "", command: Any = None) -> None:
         super().__init__(graph, robot, namespace, command)
         self.wear_sensor()
-
-    def carry(self, mass: float, com: Array) -> None:
-        """Carry a tool of a mass [kg] with its centre at com (3,) [m] in the tip frame."""
-        assert self.sensor is not None
-        self.sensor.mass, self.sensor.com = mass, com
-        robot = self.robot
-        self._dynamics = Robot(
-            robot.urdf, robot.base_frame, robot.tip_frame, tool=Tool(mass, com, np.zeros((3, 3)))
-        )
 
 
 class Controlled:

@@ -4,7 +4,6 @@ import math
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -197,15 +196,6 @@ def test_after_a_jump_of_the_stamps_the_tip_brakes_along_its_path_within_the_lim
     assert (np.linalg.norm(p[-1] - goal.p_d) < 1e-6) == (event == "aim")
 
 
-def test_the_motion_goes_on_as_it_was_where_the_stamps_alone_go_on_by_a_little():
-    arm, goal = on_its_way()
-    arm.step(stamps=0.05)
-    arm.run(1.0)
-    assert np.abs(np.diff(arm.commands, 2, axis=0)).max() <= ACCELERATION * DT**2
-    last = arm.controller.guidance.tick_now.desired
-    np.testing.assert_allclose(last.p_d, goal.p_d, atol=1e-9)
-
-
 # --- gaps -----------------------------------------------------------------------------------
 @pytest.mark.parametrize("gap", [0.02, 0.05, 0.09])
 @pytest.mark.parametrize("feedback", ["internal", "measured"])
@@ -360,15 +350,6 @@ def test_the_remedy_of_a_rate_that_is_too_low_helps():
     assert arm.controller.why.cause is Cause.RATE_TOO_LOW
 
 
-def test_jitter_about_the_bound_does_not_toggle_the_verdict():
-    arm, random = Driver(fast(), HOME, period=0.0105), generator(701)
-    verdicts = []
-    for _ in range(2000):
-        arm.step(0.0105 * random.uniform(0.7, 1.3))
-        verdicts.append(arm.controller.supervisor.rate.is_too_low)
-    assert sum(before != after for before, after in pairwise(verdicts)) <= 1
-
-
 @pytest.mark.parametrize("is_simulated", [False, True])
 @pytest.mark.parametrize("scheme", [clik, dynamic_control])
 def test_states_that_come_less_often_than_the_timeout_are_a_fault_with_its_remedy(
@@ -435,19 +416,3 @@ def test_lateness_that_grows_by_congestion_is_refused_for_as_long_as_it_grows(gr
     refused = lateness(lambda t: t - growth * max(0.0, t - 10), seconds=60)
     from_then_on = [k / 100 for k in range(round(100 * (10.5 + 0.03 / (growth - 0.002))), 6000)]
     assert set(from_then_on) <= set(np.round(refused, 2))
-
-
-@pytest.mark.parametrize("scheme", [clik, dynamic_control])
-@pytest.mark.parametrize("step", [-0.5, -0.05, 0.05, 0.5])
-def test_a_clock_that_ntp_steps_stops_the_arm_at_most_and_silences_it_for_seconds(scheme, step):
-    arm, dt = Driver(scheme(), HOME, period=0.005), 0.005
-    arm.run(1.0)
-    arm.t += round(1e9 * step)
-    answered = []
-    for k in range(round(12 / dt)):
-        with suppress(InvalidMessageError):
-            if arm.step() is not None:
-                answered.append(k * dt)
-    assert answered[0] < 0.2 or answered[0] == pytest.approx(10, abs=0.5)
-    assert answered[-1] > 11.9
-    assert arm.controller.fault == ""

@@ -246,15 +246,6 @@ def test_nothing_is_integrated_when_the_law_has_no_answer():
 
 
 # --- limits -------------------------------------------------------------------------------
-def test_within_limits_no_command_is_faster_or_further_and_saturation_is_told():
-    narrow = JointLimits(HOME - 0.2, HOME + 0.3, np.full(6, 0.7), np.full(6, math.inf))
-    for key in range(4):
-        goal = displaced(distance=0.3, angle=1.5, key=key)
-        ticks = run(clik(limits=narrow), lambda _, goal=goal: goal, 1500)
-        for tick in ticks:
-            assert np.all(np.abs(tick.command.dq) <= 0.7 * (1 + RELATIVE))
-            assert narrow.contain(tick.command.q)
-        assert ticks[0].saturated
 
 
 # --- redundancy ---------------------------------------------------------------------------

@@ -211,15 +211,6 @@ def elastic_moment(law, R_d, R_cd):
     return R_d.T @ held(lambda mu: compliant.step(0.0, at(R_d), wrench(mu=mu)).domega_d)
 
 
-def stiffness(law, R_d):
-    """Return d mu_E / (Delta omega dt) (3, 3) at R_c = R_d, axes of the desired frame."""
-    ahead, back = (
-        [elastic_moment(law, R_d, turned(turn * e)) for e in I]
-        for turn in (tol.SMALL_TURN, -tol.SMALL_TURN)
-    )
-    return np.subtract(ahead, back).T / (2 * tol.SMALL_TURN)
-
-
 @of_the_quaternion
 @pytest.mark.parametrize("theta", [1e-7, 1e-3, 0.5, RIGHT, 2.5, 3.1])
 def test_the_elastic_moment_is_that_of_its_function_of_the_angle(name, theta):
@@ -256,14 +247,6 @@ def test_the_impedance_does_not_depend_on_the_sign_of_the_quaternion(name):
 
 
 # --- stiffness for small turns, eqs. (57), (58), (61), (62) --------------------------------------
-@pytest.mark.parametrize(
-    ("name", "sequence"),
-    [*((name, "XYZ") for name in RELATIVE), *(("relative_euler_angles", s) for s in three_axes)],
-)
-def test_small_turns_have_the_stiffness_wherever_the_desired_frame_is(name, sequence):  # (62)
-    for R_d, K in zip(uniform(5), positive_definite(5, 5, 10, 100), strict=True):
-        found = stiffness(law(name, damped(1.0, K), sequence=sequence), R_d)
-        tol.assert_close(found, K, tol.STIFFNESS * np.abs(K).max())
 
 
 # --- the equations hold along a motion, and the frame moves as it says ---------------------------
@@ -427,18 +410,6 @@ def test_a_fast_impedance_is_stable_and_accurate(dt):
     tol.assert_close(theta, expected, 1e-4 * f / k + tol.FAST_MODES * f / k)
 
 
-def test_within_a_step_that_is_divided_the_wrench_goes_on_linearly():
-    (m, d, k, f), dt = FAST, 2e-2
-    slope = 15 * f
-    own = law(translation=Impedance(m * I, d * I, k * I))
-    t = times(0.2, dt)
-    frames = follow(begun(own, at(), at()), constant(at()), lambda t: wrench(slope * t * I[1]), t)
-    lag = slope * d / k**2  # m x'' + d x' + k x = slope t: x = slope t / k - lag + the modes
-    expected = slope * t / k - lag + modal(t, m, d, k, 0.0, lag, -slope / k)
-    size = expected.max()
-    tol.assert_close([c.p_d[1] for c in frames], expected, tol.FAST_MODES * size)
-
-
 @every_representation
 @pytest.mark.parametrize("dt", [1e-3, 2e-2])
 def test_an_undamped_fast_rotation_does_not_grow(name, dt):
@@ -475,15 +446,6 @@ R_AWAY = by_angles("XYZ", 0.3, 0.4, 0.2)
 def assert_same_motion(found, expected):
     for of in ("p_d", "R_d", "dp_d", "omega_d"):
         tol.assert_close(getattr(found, of), getattr(expected, of), 1e2 * tol.ALGEBRAIC)
-
-
-def test_without_a_beginning_and_after_a_reset_it_begins_at_the_desired_frame():
-    desired, compliant = DesiredFrame(*clear_motions(1)[0](0.0)), CompliantFrame(law())
-    for _ in range(2):
-        assert compliant.now is None
-        assert_same_motion(compliant.step(0.0, desired, NO_WRENCH), desired)
-        compliant.step(DT, desired, wrench(f=1e3 * I[0]))
-        compliant.reset()
 
 
 @every_frame
@@ -607,11 +569,6 @@ def test_a_wrench_beyond_all_numbers_is_told_and_no_frame_follows(name, where):
             compliant.step(0.1, at(R_AWAY), w)
 
 
-def test_the_registry_of_quaternions_is_what_the_tables_say():
-    assert set(OF_THE_QUATERNION) == set(FUNCTIONS)
-    assert set(RESIDUALS) == set(ORIENTATIONS)
-
-
 # --- bounds of the compliant frame, and moments that it cannot balance ----------------------------
 BOUNDS = ComplianceBounds(0.1, 0.8, 0.3)
 
@@ -662,20 +619,6 @@ def test_it_comes_back_from_the_bounds_at_once_when_the_push_ends():
     assert position[k + 200] < 0.09
     assert rotation[k + 200] < 0.7
     assert_no_jump(frames, DT)
-
-
-def test_within_the_bounds_nothing_changes_to_the_bit():
-    random = generator(920).normal(size=6)
-
-    def wrench_at(t):
-        return np.array([4.0, 3.0, 2.0, 0.5, 0.4, 0.6]) * np.sin(7 * t + random)
-
-    one, other = (
-        follow(CompliantFrame(bounded(bounds)), drifting, wrench_at, times(1.0))
-        for bounds in (BOUNDS, ComplianceBounds())
-    )
-    for a, b in zip(one, other, strict=True):
-        np.testing.assert_array_equal(np.vstack(a), np.vstack(b))
 
 
 def test_bounds_that_are_lowered_bring_the_frame_back_without_a_jump():

@@ -29,7 +29,6 @@ from eulerparams_control.laws.dynamic_control import (
 )
 from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.orientation import ORIENTATIONS, SEQUENCES, SIGNS
-from eulerparams_control.laws.rotations import log
 from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import MotionLimits
@@ -77,18 +76,6 @@ def moving_controller(*chosen, **options):
         command = running.step(t, HOME, STILL)
     assert np.abs(command.dq).max() > 0.05
     return running, command, t
-
-
-def goal_line(goal):
-    """Return the distance of a frame from the straight line between home and a goal."""
-    start = pose_of(HOME).p_d
-    along = (goal.p_d - start) / np.linalg.norm(goal.p_d - start)
-
-    def distance(frame):
-        away = frame.p_d - start
-        return np.linalg.norm(away - (away @ along) * along)
-
-    return distance
 
 
 def is_finite(command):
@@ -166,25 +153,6 @@ def test_after_a_jump_of_the_stamp_nothing_is_integrated_and_the_measured_pose_h
     assert running.supervisor.resets == 1
 
 
-def test_a_halt_brakes_along_the_path_within_the_limits_then_holds():
-    running, command, t = moving_controller(ControllerOptions(motion=LIMITS))
-    twist = running.scheme.robot.state(command.q, command.dq).J @ command.dq
-    speed, a = np.linalg.norm(twist[:3]), LIMITS.linear_acceleration
-    path = running.guidance.motion
-    line = goal_line(moved(0.1, 0.5))
-    running.orders.halt()
-    for step in range(1, 600):
-        before, command = command, running.step(t + step * MS, HOME, STILL)
-        frame = running.guidance.tick_now.desired
-        assert np.linalg.norm(frame.ddp_d) <= 1.05 * a
-        assert line(frame) < 1e-9
-    assert running.mode is Mode.STOPPED
-    way = np.linalg.norm(path.last.p_d - frame.p_d)
-    assert way < speed**2 / a + 0.02
-    np.testing.assert_array_equal(command.dq, 0)
-    np.testing.assert_array_equal(command.q, before.q)
-
-
 def move_in_all_ways():
     """Let an arm follow each kind of reference, while it is an error to compile a formula."""
     options = ControllerOptions(motion=LIMITS)
@@ -225,26 +193,6 @@ def move_in_all_ways():
 def test_nothing_is_compiled_while_an_arm_moves():
     code = "import test_controller; test_controller.move_in_all_ways()"
     subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parent, check=True)
-
-
-@pytest.mark.parametrize("feedback", FEEDBACKS)
-def test_the_tip_keeps_its_limits_at_20_states_a_second(feedback):
-    dt = 0.05
-    law = ClikLaw(make("rotation_vector"), 8.0, 8.0)
-    scheme = Clik(UR5, law, feedback, UR5.limits, motion=LIMITS)
-    running, q, tips = Controller(scheme, ControllerOptions(motion=LIMITS), HOME), HOME, []
-    running.orders.aim(moved(0.25, 0.9))
-    for step in range(60):
-        last, q = q, running.step(T_0 + round(step * dt * 1e9), q, STILL).q
-        way = pose_of(q).p_d - pose_of(last).p_d, log(pose_of(q).R_d @ pose_of(last).R_d.T)
-        tips.append(np.array(way) / dt)
-    assert np.linalg.norm(pose_of(q).p_d - moved(0.25).p_d) < 1e-3
-    speeds = np.linalg.norm(tips, axis=2)
-    assert (speeds <= 1.01 * np.array(LIMITS.speeds)).all()
-    assert (speeds.max(axis=0) > [0.9 * 0.25, 0.7]).all()
-    if feedback == "internal":
-        rates = np.linalg.norm(np.diff(tips, axis=0), axis=2) / dt
-        assert (rates <= 1.05 * np.array(LIMITS.accelerations)).all()
 
 
 @pytest.mark.parametrize("way", [(0.4, 0.4, 0.4), (0.0, 0.0, 0.8)])
@@ -411,24 +359,6 @@ def test_where_the_desired_frame_is_beyond_the_arm_a_reference_may_be_no_farther
         references.refuse_jump(SetPoint(farther, 0.1), 0.0, here)
 
 
-def test_of_a_trajectory_that_is_late_only_what_is_to_come_has_to_be_within_reach():
-    references = References(math.inf, math.inf, UR5.reach)
-    here, far = pose_of(HOME), out_of(UR5.reach, 1.2, pose_of(HOME))
-    motion = Trajectory([0.0, 1.0, 2.0], [here, far, here])
-    references.refuse_jump(motion, 1.5, here)
-    with pytest.raises(InvalidMessageError, match="out of reach"):
-        references.refuse_jump(motion, 0.5, here)
-
-
-def test_a_reference_is_compared_with_the_present_desired_frame_and_not_with_the_start():
-    running, _, t = moving_controller()
-    for step in range(1, 1500):
-        running.step(t + step * MS, HOME, STILL)
-    running.orders.follow(SetPoint(moved(0.1, 0.5), 0.1), None)
-    with pytest.raises(InvalidMessageError, match=r"begins 0\.100 m and 28\.6 deg"):
-        running.orders.follow(SetPoint(moved(), 0.1), None)
-
-
 def test_where_a_reference_is_required_there_is_silence_until_the_first():
     running, elsewhere = controller(ControllerOptions(require_reference=True)), HOME + 0.4
     for step in range(50):
@@ -473,24 +403,6 @@ def test_an_arm_is_at_rest_when_its_joints_were_measured_to_be():
     for speed, rests in ((0.0, True), (0.009, True), (0.011, False), (-0.5, False)):
         running.step(T_0 + int(1e9 * (1 + speed)), HOME, speed * np.eye(6)[3])
         assert running.acting.is_at_rest == rests
-
-
-@pytest.mark.parametrize("scheme", [clik, dynamic_control])
-def test_references_that_are_refused_do_not_move_an_arm_that_is_held(scheme):
-    sag = np.array([0.0, 1e-3, 1e-3, 0.0, 0.0, 0.0])  # the arm gives way a little
-    held = []
-    for asks in (False, True):
-        running = Controller(scheme(), ControllerOptions(), HOME)
-        running.step(T_0, HOME, STILL)
-        running.orders.halt()
-        held.append([running.step(T_0 + MS, HOME, STILL)])
-        for step in range(2, 50):
-            held[-1].append(running.step(T_0 + step * MS, HOME + sag, STILL))
-            if asks:
-                with pytest.raises(InvalidMessageError):
-                    running.orders.follow(SetPoint(moved(0.3, 1.0), 0.1), None)
-    for left, asked in zip(*held, strict=True):
-        np.testing.assert_equal(asked, left)
 
 
 def test_a_reference_is_compared_with_where_an_arm_that_is_held_has_come_to():
@@ -587,15 +499,6 @@ def test_no_desired_frame_makes_a_command_that_is_not_finite(family, limited):
         running = Controller(scheme, ANY_JUMP, HOME)
         faults = feed(running, [SetPoint(frame, 0.02) for frame in garbage(family[1], key)])
     assert faults > 0  # of the efforts
-
-
-@pytest.mark.filterwarnings("ignore:(overflow|invalid value|divide by zero):RuntimeWarning")
-def test_joints_that_leave_all_bounds_lead_to_a_fault_and_not_to_infinite_positions():
-    options = ControllerOptions(60.0, 1e9, math.inf, math.inf)
-    running = Controller(clik(), options, HOME)
-    far = SetPoint(moved()._replace(dp_d=np.array([1e305, -1e305, 1e305])), 1e4)
-    faults = feed(running, [far] * 10, steps=10, dt=50_000 * MS)
-    assert faults > 0
 
 
 @pytest.mark.parametrize("scheme", [partial(clik, limits=UR5.limits), dynamic_control])

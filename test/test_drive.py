@@ -138,15 +138,6 @@ def test_each_event_leads_from_each_mode_to_the_one_of_the_table(mode, after):
     assert driving.TRANSITIONS.keys() == set(driving.DriveMode)
 
 
-@pytest.mark.parametrize("mode", MODES)
-def test_there_are_words_for_each_mode_whatever_the_cause(mode):
-    words = DriveWords("ready", "joint_effort", 0.1)
-    for cause in Cause:
-        level, message, _ = words.describe(driving.DriveStatus(mode, cause, names=("/a", "/b")))
-        assert level in (OK, WARN, ERROR)
-        assert message
-
-
 # --- wrong commands --------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("control", "fields", "words"),  # the others: test_messages
@@ -347,20 +338,6 @@ def test_the_successor_of_a_dead_controller_is_obeyed_while_the_graph_still_show
     robot.review()
     assert (robot.mode, robot.count(driving.OTHER)) == (OBEYING, 0)
     assert all(each.mode is not CONTESTED for each in robot.said)
-
-
-def test_a_robot_that_stops_sees_the_contest_of_its_controllers_when_it_stands(bench):
-    robot = bench(rate=1000.0, protective_speed=1.5, **FLOATING)
-    while robot.mode is not STOPPING:
-        robot.step(0.0, lambda: robot.send(**RACING))
-    for number in (5000, 5001, 5002):
-        robot.send(number=number, **RACING)
-        robot.send(**RACING)
-    assert robot.mode is STOPPING
-    while robot.mode is STOPPING:
-        robot.step()
-    robot.send(**RACING)
-    assert [each.mode for each in robot.said] == [OBEYING, STOPPING, BRAKED, CONTESTED]
 
 
 def hear(senders: Senders, *numbers: int, since: float = 0.0) -> list[bool]:

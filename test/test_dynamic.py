@@ -13,11 +13,8 @@ import pytest
 from arms import HOME, STILL, UR5, Plant, displaced, pose_of, robot_named, robot_of
 from representations import every_representation, make
 from samples import about, generator
-from sensor_msgs.msg import JointState
 from tolerances import (
     ALGEBRAIC,
-    E7_DEG,
-    E7_MM,
     ERROR_EQUATION,
     NO_JUMP,
     NULL_SPACE,
@@ -44,13 +41,9 @@ from eulerparams_control.laws.friction import JointFriction
 from eulerparams_control.laws.hold import JointHold
 from eulerparams_control.laws.inverse import DampedInverse, smallest_singular_value
 from eulerparams_control.laws.inverse_dynamics import InverseDynamics
-from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import ORIENTATIONS
-from eulerparams_control.laws.rotations import angle_between, exp
 from eulerparams_control.laws.scheme import ErrorBounds, JointCommand
-from eulerparams_control.messages.from_ros import JointStateReader
 from eulerparams_control.motion.frames import DesiredFrame
-from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.trajectories import way_points
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
@@ -205,19 +198,6 @@ def test_at_a_singularity_the_motion_that_does_not_move_the_tip_is_damped():
 
 
 # --- the scheme at 1 kHz -------------------------------------------------------------------
-@every_representation
-def test_a_path_is_tracked_with_every_representation_within_the_limits(name):
-    path, plant = from_home_to(displaced(0.1, 0.5, key=3), 1.5), Plant()
-    scheme = dynamic(limits_of(position=0.1, rotation=0.5), name=name)
-    for step in range(1600):
-        tick = scheme.tick(DT, plant.q, plant.dq, path.sample(step * DT))
-        assert 1e3 * np.linalg.norm(tick.dp_de) < E7_MM
-        assert math.degrees(angle_between(tick.desired.R_d, tick.state.R_e)) < E7_DEG
-        assert not tick.saturated
-        assert np.all(np.abs(tick.command.effort) <= UR5.limits.effort)
-        assert tick.command.q is None
-        assert tick.command.dq is None
-        plant.step(tick.command.effort)
 
 
 def lead_round(scheme, *angles):
@@ -269,20 +249,6 @@ def test_a_tick_is_saturated_if_and_only_if_a_limit_changed_its_command():
     assert told == {True, False}
 
 
-@pytest.mark.parametrize("dt", [0.005, 0.02, 0.05])
-def test_at_a_slow_rate_too_the_speeds_stay_within_their_limits(dt):
-    slow = JointLimits(HOME - 9, HOME + 9, np.full(6, 0.4), np.full(6, math.inf))
-    path = from_home_to(displaced(0.3, 1.0, key=5), 0.4)
-    scheme = dynamic(limits_of(joints=slow, rate=math.inf), k_Pp=100.0, k_Vp=15.0, k_Vo=15.0)
-    plant, fastest = Plant(), 0.0
-    for step in range(round(0.8 / dt)):
-        tick = scheme.tick(dt, plant.q, plant.dq, path.sample(step * dt))
-        for _ in range(round(dt / DT)):
-            plant.step(tick.command.effort)
-            fastest = max(fastest, np.abs(plant.dq).max())
-    assert 0.35 < fastest < 0.4 * 1.05  # what the effort makes of itself within a tick
-
-
 def test_without_limits_nothing_bounds_the_efforts_and_no_error_stops_the_motion():
     scheme = dynamic(EffortLimits(None, rate=1.0, error_position=1e-3, error_rotation=1e-3))
     bounded("clik", 1e-3, 1e-3).tick(DT, HOME, STILL, displaced(2.0, 2.0))
@@ -294,23 +260,6 @@ def test_without_limits_nothing_bounds_the_efforts_and_no_error_stops_the_motion
     of_pi = dynamic(limits_of(rotation=math.pi))
     for angle in (1.0, 3.0, math.pi):
         assert np.isfinite(of_pi.tick(DT, HOME, STILL, displaced(0.0, angle)).command.effort).all()
-
-
-def test_the_tip_brakes_hardly_more_than_it_may_where_an_error_is_undone():
-    random, motion = generator(991), MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0)
-    gains = {"k_Pp": 3600.0, "k_Vp": 120.0, "k_Po": 7200.0, "k_Vo": 120.0}
-    scheme = dynamic(EffortLimits(UR5.limits, RATE, motion=motion), **gains)
-    goal, plant, braking = pose_of(UR5, HOME), Plant(), np.zeros(2)
-    plant.q = HOME + 0.1 * random.uniform(-1, 1, 6)
-    for step in range(500):
-        tick = scheme.tick(DT, plant.q, plant.dq, goal)
-        ddq = plant.acceleration(plant.q, plant.dq, tick.command.effort)
-        a = np.reshape(plant.tip_acceleration(plant.q, plant.dq, ddq), (2, 3))
-        if step > 100:  # it is under way
-            braking = np.maximum(braking, np.linalg.norm(a, axis=1))
-        plant.step(tick.command.effort)
-    assert (braking > 0.95 * np.array(motion.accelerations)).all()
-    assert (braking < 1.25 * np.array(motion.accelerations)).all()
 
 
 # --- the rate of the efforts ---------------------------------------------------------------
@@ -348,31 +297,6 @@ class Run:
 
 def towards(frame, duration=1.0):
     return way_points([duration], [frame[:2]])
-
-
-def test_the_rate_is_kept_through_a_change_of_law_a_hold_a_fault_and_a_new_reference():
-    rate, limits = 400.0, limits_of(rate=400.0, position=0.01, rotation=0.2)
-    run = Run(dynamic(limits))
-    run.steps(20)
-    run.controller.orders.follow(towards(displaced(0.15, 0.8), 0.6), None)
-    run.steps(250)
-    for name, gain in (("euler_angles", 900.0), ("angle_axis", 200.0)):
-        run.scheme.replace_law(law(name, gain, k_Pp=gain), InverseDynamics(), limits)
-        run.steps(60)
-    run.controller.orders.halt()  # in the middle of the motion
-    run.steps(600)
-    run.controller.orders.resume()
-    run.controller.orders.follow(towards(displaced(0.15, 0.8), 0.6), None)
-    run.steps(150)
-    run.steps(600, held=True)  # somebody holds the arm until the error is too large
-    assert "from the desired frame" in run.faults[-1]
-    run.steps(600)  # a fault is left by a reference after a pause
-    run.controller.orders.follow(towards(pose_of(UR5, HOME), 0.5), None)
-    run.steps(300)
-    assert run.faults[-1] == ""
-    fastest = assert_rate_is_kept(run.efforts, rate)
-    assert np.sum(fastest > 0.999 * rate) > 20  # it was a bound
-    assert run.controller.guidance.saturated > 0
 
 
 def test_a_smaller_limit_of_the_effort_is_approached_at_the_rate():
@@ -448,28 +372,6 @@ def test_of_a_law_that_saturates_nothing_goes_on():
     assert_close(tick.command.effort, gravity(), NULL_SPACE)
 
 
-def test_a_law_that_is_replaced_at_each_tick_acts_in_the_end_and_each_blend_begins_whole():
-    (q, dq), goal = states(UR5, HOME)[0], displaced()
-    scheme = dynamic(blend_time=0.1)
-    before = scheme.tick(0.05, q, dq, goal).command.effort
-    for gains in ({}, {"k_Pp": 900.0}):  # the same at first, which leaves no step
-        scheme.replace_law(law(**gains), InverseDynamics(), EffortLimits())
-        assert_close(scheme.tick(0.05, q, dq, goal).command.effort, before, NULL_SPACE)
-    for _ in range(1000):
-        scheme.replace_law(law(k_Pp=900.0), InverseDynamics(), EffortLimits())
-        tick = scheme.tick(DT, q, dq, goal)
-    assert np.abs(tick.command.effort - unlimited_effort(scheme, tick)).max() < 1e-2
-
-
-def test_after_efforts_that_held_it_and_were_ramped_a_law_begins_without_a_jump():
-    scheme = dynamic(limits_of(rate=1.0))
-    scheme.tick(DT, HOME, STILL, pose_of(UR5, HOME))
-    scheme.hold(DT, HOME, np.full(6, 0.5))
-    scheme.replace_law(law(k_Pp=900.0), InverseDynamics(), EffortLimits())
-    tick = scheme.tick(DT, HOME, STILL, displaced())
-    assert np.abs(tick.command.effort - unlimited_effort(scheme, tick)).max() > 1
-
-
 def test_a_tick_that_is_refused_leaves_the_step_to_another_law_to_the_next_one():
     goal, limits = displaced(0.01, 0.05), limits_of(rate=math.inf, position=1.0)
     scheme = dynamic(limits)
@@ -481,18 +383,6 @@ def test_a_tick_that_is_refused_leaves_the_step_to_another_law_to_the_next_one()
 
 
 # --- hold ----------------------------------------------------------------------------------
-@pytest.mark.parametrize("limited", [True, False], ids=["limits", "no limits"])
-def test_hold_brings_a_moving_arm_to_rest_where_the_hold_began(limited):
-    scheme, plant = dynamic(limits_of() if limited else None), Plant()
-    plant.dq = generator(318).uniform(-1, 1, size=6)
-    scheme.tick(DT, plant.q, plant.dq, pose_of(UR5, HOME))
-    for _ in range(1500):
-        command = scheme.hold(DT, plant.q, plant.dq)
-        assert command.q is None
-        assert command.dq is None
-        plant.step(command.effort)
-    assert np.abs(plant.dq).max() < 1e-4
-    assert_close(plant.q, HOME, 1e-4)
 
 
 def test_hold_is_stiff_as_effort_limits_and_sampling_bear_and_critically_damped():
@@ -660,38 +550,6 @@ def test_efforts_begin_at_what_acts_and_ramp_each_at_its_rate(reported, gravity)
     assert np.isclose(steps, most).any()
 
 
-def test_a_controller_begins_at_the_efforts_of_joint_states_where_they_can_be_used():
-    reader, msg = JointStateReader(UR5.joints), JointState(name=list(reversed(UR5.joints)))
-    msg.position, reported = HOME[::-1].tolist(), np.arange(6.0)
-    reader.from_ros(msg)
-    for given, start in (
-        (reported[::-1], reported),
-        ([], UR5.dynamic_state(HOME, STILL).g),
-        ([math.nan] * 6, UR5.dynamic_state(HOME, STILL).g),
-    ):
-        msg.effort = list(given)
-        efforts = reader.effort_from_ros(msg)
-        controller = Controller(dynamic(limits_of(rate=1000.0)), ControllerOptions(), HOME, efforts)
-        command = controller.step(1_000_000_000, HOME, STILL)
-        assert np.abs(command.effort - start).max() <= 1000.0 * 1e-3 + 1e-12
-
-
-def test_a_limit_of_acceleration_leaves_the_efforts_against_a_disturbance():
-    plant, dt, disturbance = Plant(), 1e-3, np.array([0.0, 3.0, 3.0, 1.0, 1.0, 1.0])
-    joints = replace(UR5.limits, acceleration=np.full(6, 5.0))  # of 1 Nm the wrist makes 58
-    scheme, home, plant.q = (
-        dynamic(limits_of(rate=1000.0, joints=joints)),
-        pose_of(UR5, HOME),
-        HOME.copy(),
-    )
-    for _ in range(1500):
-        effort = scheme.tick(dt, plant.q, plant.dq, home).command.effort
-        plant.step(effort + disturbance, dt)
-        assert np.abs(plant.dq).max() < 1.5  # it takes some 20 ms until that is known
-    assert np.abs(plant.dq).max() < 1e-3
-    assert angle_between(pose_of(UR5, plant.q).R_d, home.R_d) < 0.2
-
-
 def test_a_stop_under_efforts_keeps_the_acceleration_and_does_not_swing():
     plant, dt, a = Plant(), 1e-3, 5.0
     joints = replace(UR5.limits, acceleration=np.full(6, a))
@@ -735,25 +593,6 @@ def test_a_small_arm_is_damped_and_slowed_where_the_large_one_is(name):
     assert 20 < damped < 150
 
 
-def test_the_length_of_a_ur5_is_a_metre_and_the_schemes_use_that_of_their_arm():
-    assert UR5.length == pytest.approx(0.99, abs=0.005)
-    small = scaled("ur5", 0.25)
-    for scheme in (Clik(small, ClikLaw(make("euler_parameters"))), dynamic(robot=small)):
-        law = scheme.law if isinstance(scheme, Clik) else scheme.dynamics
-        assert law.inverse.length == small.length
-
-
-@pytest.mark.parametrize(
-    "gains", [(40.0, 0.0, 40.0, 4.0), (0.0, 0.0, 40.0, 4.0), (4.0, 4.0, 40.0, 0.0)]
-)
-def test_a_loop_without_damping_asks_for_what_its_gains_say(gains):
-    law = ResolvedAcceleration(make("euler_parameters"), *gains)
-    arm = UR5.state(HOME, STILL)
-    desired = DesiredFrame(arm.p_e + [0.1, 0.0, 0.0], exp(np.array([0.0, 0.2, 0.0])) @ arm.R_e)
-    a, dp_de, x_de = law.acceleration(arm, desired, None)
-    assert_close(a, [*(gains[0] * dp_de), *(gains[2] * x_de.eps_de)], 1e-12)
-
-
 # --- too large an error --------------------------------------------------------------------
 DEG = math.radians(1)
 
@@ -786,17 +625,6 @@ def test_an_error_beyond_its_bound_stops_the_motion(name, bound, within, beyond,
 
 
 # --- Lyapunov functions of a run, eqs. (42), (43) ------------------------------------------
-@every_representation
-def test_only_euler_parameters_report_V_2_and_it_is_that_of_the_tick(name):
-    scheme = dynamic(name=name, k_Po=50.0, k_Vo=9.0)
-    (q, dq), desired = states(UR5, HOME)[0], desired_frames(UR5, HOME)[0]
-    tick = scheme.tick(DT, q, dq, desired)
-    if name != "euler_parameters":
-        assert scheme.lyapunov(tick) is None
-        return
-    omega_de = desired.omega_d - UR5.state(q, dq).omega_e
-    expected = 100 * (1 - tick.x_de.Q_de.eta) + omega_de @ omega_de / 2, -9 * omega_de @ omega_de
-    assert scheme.lyapunov(tick) == pytest.approx(expected, rel=1e-12)  # eqs. (42), (43)
 
 
 def test_over_a_change_of_the_law_no_derivative_of_V_2_is_measured():

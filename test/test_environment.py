@@ -5,11 +5,8 @@ import hashlib
 import itertools
 import math
 import re
-import subprocess
-import sys
 from collections.abc import Iterator
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,15 +17,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_simulator import GRAVITY, HOLDING_TORQUE, MOTOR_SPEED, TORQUE, Model, random_q, robot, run
 
-from eulerparams_control.errors import ConfigurationError, SimulationError, UnknownNameError
+from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.robot.catalogue import RobotDescription
 from sim_bridge.environment import read_environment
-from sim_bridge.environment.forces import SensorMotion
 from sim_bridge.environment.push import Push
-from sim_bridge.environment.springs import Spring, TorsionSpring
 from sim_bridge.parameters import SimulatorParameters
 from sim_bridge.simulator import Simulator, SimulatorState
-from sim_bridge.urdf import simulation_urdf
 
 # --- tolerances ----------------------------------------------------------------------
 # The same formula in two ways, of forces and moments up to 1e3 N: rounding, two decades.
@@ -37,10 +31,6 @@ FORMULA = 1e-10
 THROUGH_A_POSE = 1e-8
 # PyBullet's contact solver: the force of a spring whose depth is known, relative. 1e-6 seen.
 PRESSED = 1e-5
-# PyBullet's search on the round side of a cylinder: depth by the radius of the tool, and the
-# normal [rad]; 9e-4 and 1.5e-2 seen.
-ROUND_DEPTH = 1e-3
-ROUND_NORMAL = 0.02
 # Speed of the point that friction holds, m/s.
 HELD = 1e-6
 # Brakes leave speeds of MOTOR_SPEED, against which solids of 1e6 N/m and 100 Ns/m push, N.
@@ -289,28 +279,6 @@ def test_springs_and_pushes_move_the_arm_and_are_read_with_sign_axes_and_moment(
     sim.close()
 
 
-def test_a_torsion_spring_leads_the_tool_around_a_closed_path():
-    path = {"offset": [0.1, 0.2, 0.0], "amplitude": [0.3, 0.0, 0.5], "phase": [0.5, 0.0, 1.0]}
-    told = {"shape": "torsion_spring", "orientation": [0, 0, 0, 1], "stiffness": 2.0}
-    times = {"start": 1.0, "end": 9.0, "ramp": 2.0}
-    there, back = (
-        read_environment({"hand": {**told, **path, **times, "turns": turns}})["hand"]
-        for turns in (1.0, -1.0)
-    )
-    rest = SensorMotion(np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))
-
-    def led(spring, t):
-        return spring.exerted(t, rest)[1] / 2.0  # the rotation vector of R_a
-
-    a_0 = np.array([0.1, 0.2, 0.0]) + np.array([0.3, 0.0, 0.5]) * np.sin([0.5, 0.0, 1.0])
-    for t, share in ((1.0, 0.0), (2.0, 0.5), (3.0, 1.0), (7.0, 1.0), (8.0, 0.5), (9.0, 0.0)):
-        np.testing.assert_allclose(led(there, t), share * a_0, atol=FORMULA)
-    middle = np.array([0.1, 0.2, 0.0]) - np.array([0.3, 0.0, 0.5]) * np.sin([0.5, 0.0, 1.0])
-    np.testing.assert_allclose(led(there, 5.0), middle, atol=FORMULA)
-    np.testing.assert_allclose(led(there, 4.0), led(back, 6.0), atol=FORMULA)
-    assert np.abs(led(there, 4.0) - led(back, 4.0)).max() > 0.1
-
-
 def test_a_push_rises_and_falls_smoothly_and_acts_from_start_to_end():
     push = Push(
         force=(0, 0, 10.0), moment=(0, 20.0, 0), frame="tool", start=0.01, end=0.05, ramp=0.01
@@ -365,18 +333,6 @@ def test_noise_and_bias_do_not_reach_what_acts():
         run(sim, 20)
     assert quiet.engine.sample().q == noisy.engine.sample().q
     assert noisy.read().q != pytest.approx(quiet.read().q, abs=0.01)
-
-
-@pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("stiffness", [1e9, 1e100, 1e300])
-def test_a_spring_that_tears_the_robot_apart_ends_in_an_error(stiffness):
-    spring = Spring(position=(0.5, 0.1, 0.3), stiffness=stiffness, damping=1.0, point=(0, 0, 0.1))
-    turn = TorsionSpring(orientation=(0, 0, 0, 1), stiffness=stiffness)
-    sim = simulated(control="torque", enforce_limits=False, environment={"a": spring, "b": turn})
-    sim.command_effort(np.zeros(6))
-    with pytest.raises(SimulationError, match="the state of the robot is not finite after step"):
-        run(sim, 1000)
-    assert np.isfinite([*sim.read().q, *sim.read().wrench]).all()
 
 
 # --- efforts that nobody reports -----------------------------------------------------
@@ -482,26 +438,6 @@ def test_a_box_on_a_face_is_as_stiff_as_a_point_however_many_corners_touch(face,
     assert wrench[3:] == pytest.approx(R.T @ mu, abs=lever)
 
 
-@pytest.mark.parametrize("radius", [0.02, 0.3])
-@pytest.mark.parametrize("length", [0.2, 1.0])
-def test_the_round_side_of_a_cylinder_is_met_to_a_thousandth_of_the_tool_radius(length, radius):
-    p, R = placement("ur5", np.array(robot("ur5").home))
-    rng = np.random.default_rng(3)
-    for _ in range(10):
-        U = rotation(xyzw := unit_quaternion(rng))
-        n, depth = U[:, 0], 1e-3
-        surface = p + R @ [0, 0, 0.1] - 0.02 * n + depth * n
-        solid = {
-            "shape": "cylinder", "radius": radius, "length": length, "stiffness": 1e4,
-            "position": surface - radius * n + 0.4 * length * U[:, 2], "orientation": xyzw,
-        }  # fmt: skip
-        tool = tool_at("sphere", (0.0, 0.0, 0.1), (0, 0, 0, 1))
-        sim = simulated(environment={"solid": solid}, **tool)
-        force = R @ sim.read().wrench[:3]
-        assert np.linalg.norm(force) == pytest.approx(1e4 * depth, abs=1e4 * 0.02 * ROUND_DEPTH)
-        assert force / np.linalg.norm(force) == pytest.approx(n, abs=ROUND_NORMAL)
-
-
 @pytest.mark.parametrize("rate", [100.0, 333.0, 8000.0])
 def test_the_rate_does_not_change_how_stiff_a_solid_is(rate):
     law, top = Law("ur5"), lowest("ur5", "box") + 1e-3
@@ -509,19 +445,6 @@ def test_the_rate_does_not_change_how_stiff_a_solid_is(rate):
     sim = simulated(rate=rate, environment={"plane": plane}, **upright_tool("ur5", "box"))
     for state in (sim.read(), run(sim, 20)):
         assert law.R @ state.wrench[:3] == pytest.approx([0.0, 0.0, 30.0], abs=BRAKED)
-
-
-@pytest.mark.parametrize("tilt", [0.1, 1.0])
-def test_a_cylinder_tool_touches_with_a_rim_that_is_rounded_by_a_millimetre(tilt):
-    p, R = placement("ur5", np.array(robot("ur5").home))
-    turn = pin.Quaternion(R.T @ pin.exp3(np.array([tilt, 0.0, 0.0]))).coeffs()
-    low = 0.02 * math.sin(tilt) + 0.03 * math.cos(tilt)
-    rounding = 0.001 * (math.sin(tilt) + math.cos(tilt) - 1.0)
-    depth, height = 1e-4, p[2] - low + rounding
-    plane = {"shape": "plane", "position": [0, 0, height + depth], "stiffness": 1e5}
-    sim = simulated(environment={"plane": plane}, **tool_at("cylinder", np.zeros(3), turn))
-    force = R @ sim.read().wrench[:3]
-    assert force == pytest.approx([0.0, 0.0, 1e5 * depth], abs=1e-3)
 
 
 # --- solids: in motion ---------------------------------------------------------------
@@ -655,25 +578,6 @@ def test_a_solid_is_an_implicit_spring_and_damper_that_never_pulls(damping):
     assert min(pressed, bounced) > 20
 
 
-@pytest.mark.parametrize(
-    ("shape", "friction"), [("sphere", 0.0), ("sphere", 0.3), ("sphere", 1.0), ("box", 0.3)]
-)
-def test_a_tool_that_slides_is_braked_by_friction_times_the_normal_force(shape, friction):
-    law, sim = on_a_plane("panda", shape, friction=friction)
-    along = np.array([0.8, 0.6, 0.0])
-    for k in range(600):
-        before = sim.read()
-        sim.command_effort(law.effort(before, law.p + 5e-5 * k * along, (0, 0, -20.0)))
-        sim.step()
-    _, R, v, omega = motion("panda", before)
-    force = R @ sim.read().wrench[:3]
-    slip = v + np.cross(omega, R @ sim.parameters.tool_position)
-    assert np.linalg.norm(slip[:2]) > 0.01
-    assert np.linalg.norm(force[:2]) == pytest.approx(friction * force[2], rel=5e-3, abs=FORMULA)
-    if friction:
-        assert -force[:2] @ slip[:2] > 0.95 * np.linalg.norm(force[:2]) * np.linalg.norm(slip[:2])
-
-
 @pytest.mark.parametrize("shape", ["sphere", "box"])
 def test_friction_holds_a_tool_that_is_pushed_less_than_it_can_bear(shape):
     hand = Push(force=(5.0, 3.0, 0.0), start=0.3)
@@ -736,18 +640,6 @@ def test_links_touch_solids_only_if_they_are_let_and_the_brakes_feel_it(collide)
     assert sim.read().wrench == pytest.approx(np.zeros(6), abs=FORMULA)
 
 
-def test_shapes_that_are_only_shown_touch_nothing(monkeypatch):
-    def with_shapes(*args: Any, shapes: Any, **options: Any) -> Any:  # as for a window
-        return simulation_urdf(*args, shapes=["collision", "visual"], **options)
-
-    monkeypatch.setattr("sim_bridge.engine.simulation_urdf", with_shapes)
-    block = {"shape": "sphere", "position": [0.0, 0.0, 0.5], "radius": 0.35, "stiffness": 1e3}
-    sim = simulated(environment={"block": block}, **upright_tool("ur5", "sphere"))
-    assert pybullet.getCollisionShapeData(sim.engine.body, 3, physicsClientId=sim.engine.client)
-    free = model("ur5").gravity(np.array(robot("ur5").home))
-    assert run(sim, 20).tau == pytest.approx(free, abs=HOLDING_TORQUE)
-
-
 # --- repeatable ----------------------------------------------------------------------
 def contact_run(sim: Simulator) -> str:
     """Return a digest of a run through all that an environment can do."""
@@ -791,13 +683,3 @@ def test_a_reset_repeats_the_bits_of_a_run_with_contact(made):
     sim.set_external_wrench(np.full(6, 5.0))
     sim.reset()
     assert contact_run(sim) == first
-
-
-def test_two_processes_simulate_the_same_bits_with_contact_and_with_noise():
-    folder = Path(__file__).parent
-    code = (
-        f"import sys; sys.path[:0] = [{str(folder)!r}, {str(folder.parent)!r}]; "
-        "from test_environment import busy, contact_run; print('digest', contact_run(busy()))"
-    )
-    other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert f"digest {contact_run(busy())}" in other.stdout

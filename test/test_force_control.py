@@ -26,7 +26,6 @@ from eulerparams_control.laws.force_control import (
 )
 from eulerparams_control.laws.rotations import quaternion
 from eulerparams_control.laws.wrench import SensedWrench
-from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 
 FORCE = 10.0  # [N]
@@ -118,39 +117,6 @@ def test_a_force_is_reached_on_what_is_soft_and_on_what_is_stiff(name, rate, sti
     assert arm.scheme.damping == 1.0
 
 
-@pytest.mark.parametrize(
-    ("force", "most"),
-    [
-        (lambda t: FORCE + 5.0 * math.sin(2 * math.pi * t), 0.3),
-        (lambda t: FORCE + 5.0 * max(0.0, min(2.0, t - 2.0)), 0.1),
-    ],
-    ids=["sine", "ramp"],
-)
-def test_a_force_that_changes_is_followed_and_is_no_oscillation(force, most):
-    arm = Pressing(stiffness=3e4).run(4.0, force)
-    assert arm.error(force, 2.0) < most
-    assert arm.scheme.damping == 1.0
-
-
-def test_sliding_along_a_surface_leaves_the_force_as_it_is():
-    arm = Pressing(stiffness=1e5)
-    arm.press(1.0)
-    across = arm.start.R_d @ np.array([0.03, 0.0, 0.0])
-    tilted = DesiredFrame(arm.start.p_d + across, arm.start.R_d)
-    arm.controller.orders.aim(tilted)
-    arm.press(2.0)
-    assert arm.error(lambda _: FORCE, 2.0) < 0.02 * FORCE
-
-
-def test_where_the_surface_ends_the_tool_goes_on_slowly_to_its_bound():
-    bound = 0.03
-    arm = Pressing(solid={"end": 1.0}, max_displacement_position=bound).press(5.0)
-    assert np.abs(arm.v).max() < SPEED + MEASURED
-    assert arm.x[-1] == pytest.approx(bound, rel=0.01)
-    assert abs(arm.v[-1]) < MEASURED
-    assert arm.scheme.is_at_its_end
-
-
 @pytest.mark.parametrize("end", ["stream", "halt", "fault"])
 def test_where_pressing_ends_the_arm_stays_where_it_is(end):
     arm = Pressing(gap=0.02, max_contact_force=12.0).press(3.0)
@@ -217,26 +183,6 @@ def test_a_contact_that_oscillates_in_spite_of_it_is_calmed_further():
     assert [times for _, times in arm.found] == [3.0, 9.0]
     assert arm.f[-1] == pytest.approx(-FORCE, rel=0.01)
     assert arm.ripple < 0.1
-
-
-def slid(stiffness, rate):
-    """Return an arm that slid by 45 mm over a sphere of 0.2 m with 0.05 m/s, and its error [1]."""
-    arm = Pressing(rate=rate, gap=0.0005, stiffness=stiffness, stiffest_contact=stiffness,
-                   max_linear_speed=0.05, solid={"shape": "sphere", "radius": 0.2})  # fmt: skip
-    arm.press(1.0)
-    across = arm.start.R_d @ np.array([0.06, 0.0, 0.0])
-    arm.controller.orders.aim(DesiredFrame(arm.start.p_d + across, arm.start.R_d))
-    arm.press(1.0)
-    return arm, arm.error(lambda _: FORCE, 0.95) / FORCE
-
-
-@pytest.mark.parametrize(
-    ("stiffness", "rate", "most"), [(1e4, 500, 0.01), (1e5, 500, 0.05), (1e6, 200, 0.06)]
-)
-def test_sliding_over_a_sphere_leaves_the_force_nearly_as_it_is(stiffness, rate, most):
-    arm, error = slid(stiffness, rate)
-    assert error < most
-    assert arm.scheme.damping == 1.0
 
 
 def test_a_contact_that_begins_is_not_taken_for_noise():

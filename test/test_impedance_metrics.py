@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from samples import derivative
-from synthetic_runs import all_numbers, recorded
+from synthetic_runs import recorded
 from tolerances import ALGEBRAIC, DIFFERENCES, SECOND_DIFFERENCES, SECOND_STEP, assert_close
 
 from eulerparams_control.analysis.arm import Options
@@ -385,24 +385,6 @@ def test_the_residual_of_a_run_is_what_its_force_and_moment_lack(tmp_path):
         measure("force_residual", replace(run, parameters={}))
 
 
-def test_what_is_about_the_desired_frame_turns_with_it(tmp_path):
-    R_d = R_angle_axis(math.pi / 2, np.array([0.0, 0.0, 1.0]))  # its x is y of the base
-    desired = DesiredFrame(P_D, R_d)
-    frame = DesiredFrame(P_D + [0.0, 0.01, 0.0], R_d @ exp(np.array([0.0, 0.4, 0.0])))
-    # along x, K_p 1000, and about y, K_o 10, of the desired frame, whose y is -x of the base
-    balance = [0.0, 10.0, 0.0, -10.0 * math.sin(0.4), 0.0, 0.0]
-    run = complying(tmp_path, [frame], [balance], translational_frame="desired")
-    assert run.compliant is not None
-    run = replace(run, compliant=replace(run.compliant, desired=Frames.of([desired])))
-    assert measure("force_residual", run) == pytest.approx(0.0, abs=EXACT)
-    assert measure("moment_residual", run) == pytest.approx(0.0, abs=EXACT)
-    assert measure("moment_axis_angle", run) == pytest.approx(0.0, abs=1e-6)
-    assert measure("apparent_stiffness", run) == pytest.approx(10 * math.sin(0.4) / 0.4)
-    assert measure("apparent_translational_stiffness", run) == pytest.approx(1000.0)
-    base = replace(run, parameters={NODE: IMPEDANCE})  # 500 N/m along y of the base
-    assert measure("force_residual", base) == pytest.approx(5.0)
-
-
 # --- table and page ------------------------------------------------------------------
 CONTACT_GRIDS = [
     "Contact force, base axes",
@@ -435,17 +417,6 @@ def test_an_impedance_page_shows_wrench_compliance_and_motion_loop_in_order(comp
         titles(compliant, tmp_path, first="momet")
 
 
-@pytest.mark.filterwarnings("error")
-def test_contact_of_a_run_that_diverged_is_shown_without_a_warning(tmp_path):
-    wild = DesiredFrame(np.full(3, 1e200), np.eye(3), np.full(3, 1e300))
-    wrenches = [[0.0] * 6, [1e300] * 6]
-    run = replace(complying(tmp_path, [FRAMES[1], wild], wrenches, [0.1, 1e200]), diverged=0.01)
-    assert {*CONTACT_PLOTS, *CONTACT_GRIDS} < set(titles(run, tmp_path))
-    found = all_numbers(run)
-    for name in ("peak_displacement", "peak_force", "peak_moment", "force_residual"):
-        assert found[name] > 1e200
-
-
 # --- the centre of compliance --------------------------------------------------------
 def test_force_and_moment_count_at_the_centre_of_compliance(tmp_path):
     # the centre is 0.5 m along the rod and 0.1 m along z beyond the tip; the rod rests at q = 0
@@ -467,20 +438,6 @@ def test_force_and_moment_count_at_the_centre_of_compliance(tmp_path):
     assert measure("final_moment", run) == pytest.approx(float(np.linalg.norm(balance[3:])))
     tip = np.linalg.norm(frame.p_d - P_D)
     assert measure("final_displacement", run) == pytest.approx(1e3 * float(tip))
-
-
-def test_the_centre_of_compliance_can_be_in_another_link(tmp_path):
-    # the sensor is 0.2 m before the tip, its y is the tip's z: the centre is (-0.2, 0, 0.1)
-    told = {"compliance_frame": "sensor", "compliance_offset": [0.0, 0.1, 0.0]}
-    run = complying(tmp_path, FRAMES[:1], [[0.0, 0.0, 5.0, 0.0, 0.0, 0.0]], **told)
-    assert run.impedance is not None
-    assert_close(run.impedance.motion.p_c[0], [0.8, 0.0, 0.1])
-    # -(-0.2, 0, 0.1) x (0, 0, 5) = -(0, 1, 0)
-    assert_close(run.impedance.mu[0], [0.0, -1.0, 0.0])
-    wrong = replace(run, parameters={NODE: IMPEDANCE | {"compliance_frame": "base"}})
-    with pytest.raises(BagError, match="not valid: compliance_frame: the frame 'base' is not fix"):
-        measure("moment_residual", wrong)
-    assert "compliance_frame" in wrong.why_no_lyapunov
 
 
 def test_the_rate_at_which_half_a_turn_is_left_is_that_of_its_first_passage(tmp_path):

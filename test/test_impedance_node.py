@@ -36,13 +36,9 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.laws.rotations import EulerParameters, S, angle_between
 from eulerparams_control.messages.from_ros import ns_from_ros
-from eulerparams_control.messages.to_ros import motion_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
-from eulerparams_control.motion.trajectories import Circle, Trajectory
-from eulerparams_control.robot.robot import Robot, Tool
 
 NAME = "impedance_control"
-UR5_FRAMES = UR5.urdf, UR5.base_frame, UR5.tip_frame
 MS = 1_000_000  # [ns] of a tick
 DT = 0.001  # [s]
 # The impedance of the shared nodes: critically damped at 45 rad/s, so that it settles soon.
@@ -58,12 +54,8 @@ SIMULATED = {
 }
 # Sums of forces of 20 N, from numbers that are rounded to 1e-16 of their size, times 2000 / s^2.
 EQUATION = 1e-10
-# Change of an effort [Nm] in a tick where nothing jumps: what goes or comes within 0.1 s.
-SMOOTH = 0.5
 # That of the nodes here [Nm/s], and the rounding of the difference of two efforts of up to 150 Nm.
 EFFORT_RATE, EFFORT_ROUNDING = 1e4, 1e-12
-# A tare is constant in the axes of the tip, which turn by a millirad until it has its effect [m].
-TARED = 1e-5
 # A frozen frame stops with this time constant [s]: e^-9 of 0.2 m/s or 1 rad/s is left 0.45 s later.
 STOP_TIME, STOPPED = 0.05, 2e-4
 # What the motion loop leaves of the compliant frame while nothing else acts [m, rad].
@@ -251,20 +243,6 @@ def test_the_stiffness_follows_its_topic_until_it_is_set(paired):
     until_displaced_by(paired, 8.0 / 500.0)
     paired.change(K_p=[K_P / 2] * 3)
     until_displaced_by(paired, 8.0 / (K_P / 2))
-
-
-def test_a_stiffness_that_would_add_too_much_energy_waits_and_says_so(paired):
-    arm = paired.arm
-    paired.change(K_p=[200.0] * 3, stiffness_energy=0.01)
-    arm.push(10.0, 0.0, 0.0)
-    until_displaced_by(paired, 0.05, within=1e-4)
-    paired.change(K_p=[K_P] * 3)
-    status = paired.status(lambda s: "the stiffness waits" in s.message)
-    assert float(values(status)["change of the impedance"]) < 0.9
-    arm.release()  # led back
-    settled(arm)
-    paired.status(lambda s: float(values(s)["change of the impedance"]) == 1.0)
-    paired.status(lambda s: "the stiffness waits" not in s.message)
 
 
 # --- the wrench stops ------------------------------------------------------------------------
@@ -457,75 +435,9 @@ def test_a_tare_is_refused_for_too_few_wrenches_and_for_a_contact_that_is_presse
     assert "are felt while the arm is controlled, more than max_activation_for" in response.message
 
 
-def test_a_tare_after_a_change_of_the_bias_does_not_take_it_out_twice(paired):
-    arm, (p, _) = paired.arm, pose(HOME)
-    arm.sensor.bias[0] = 4.0
-    settled(arm)
-    commands = [arm.tick()]
-    paired.change(wrench_bias=arm.sensor.bias.tolist())
-    assert not tare(paired).success
-    commands += arm.ticks(15)
-    assert largest_step(commands) < SMOOTH  # 2 Nm, were it not felt any more at once
-    settled(arm)
-    assert tare(paired).success  # of nothing
-    settled(arm)
-    assert_close(settled(arm).p_d, p, TARED)
-
-
 # --- the tool and the bias of the sensor -----------------------------------------------------
-POSES = [HOME, HOME + [0.3, 0.2, -0.3, 0.8, -0.7, 0.5], HOME - [0.2, 0.1, 0.2, 1.5, 0.4, 2.0]]
 
 MASS, COM = 0.45, np.array([0.02, -0.01, 0.06])
-
-
-@pytest.fixture(scope="module")
-def loaded(shared_world: World) -> Controlled:
-    bias = [3.0, -7.0, 4.0, 0.3, -0.2, 0.6]
-    tool = {"tool_mass": MASS, "tool_com": COM.tolist(), "wrench_bias": bias}
-
-    class Loaded(FeelingArm):
-        def wear_sensor(self) -> None:
-            super().wear_sensor()
-            self.carry(MASS, COM)
-            self.sensor.frame, self.sensor.bias = "wrist_3_link", np.array(bias)
-
-    parameters = {**SIMULATED, **tool, "wrench_pairing": "stamp"}
-    return Controlled(shared_world, NAME, parameters, namespace="/loaded", arm=Loaded)
-
-
-def test_the_tool_and_the_bias_of_the_sensor_displace_nothing_at_rest_and_in_motion(loaded):
-    arm, model = loaded.arm, Robot(*UR5_FRAMES, tool=Tool(MASS, COM, np.zeros((3, 3))))
-    for q in POSES:
-        arm.start_afresh(q)
-        p, R = pose(q)
-        for frame in felt(arm, 10):
-            assert_close(frame.p_d, p, LAW_IN_A_NODE)
-            assert angle_between(frame.R_d, R) < LAW_IN_A_NODE
-        state = model.dynamic_state(q, 0 * q)
-        assert_close(arm.tick().effort, state.g, LAW_IN_A_NODE)
-    motion = Trajectory([0.0, 0.6], [DesiredFrame(p, R), DesiredFrame(p + [0.0, 0.03, 0.02], R)])
-    msg, start = motion_to_ros(motion, UR5.base_frame, UR5.tip_frame), arm.t
-    msg.header.stamp = arm.message().header.stamp
-    loaded.references.publish(msg)
-    loaded.graph.until(lambda: (arm.tick(), arm.frame().dp_d.any())[1], "motion")
-    count = (start + 600 * MS - arm.t) // MS
-    for frame, t in zip(felt(arm, count), stamps_since(arm, count), strict=True):
-        away = frame.p_d - motion.sample((t - start) / 1e9).p_d
-        assert np.linalg.norm(away) < 2e-5  # 0.45 kg at 0.6 m/s^2 are 0.3 N, or 0.1 mm
-    arm.carry(MASS + 0.2, COM)  # a part that was gripped is a contact
-    sinks = settled(arm).p_d - motion.frames[-1].p_d
-    assert_close(sinks, [0.0, 0.0, -0.2 * 9.81 / K_P], LAW_IN_A_NODE)
-    arm.carry(MASS, COM)
-
-
-def test_friction_of_the_joints_is_no_contact_of_the_tool(loaded):
-    arm = loaded.arm
-    arm.start_afresh()
-    arm.disturbance = np.array([0.0, 3.0, 3.0, 1.0, 1.0, 1.0])
-    arm.ticks(250)
-    arm.disturbance = np.zeros(6)
-    assert np.abs(arm.dq).max() < 1e-2
-    assert np.linalg.norm(arm.frame().p_d - pose(HOME)[0]) < AT_FRAME  # 0.2 N
 
 
 def test_in_a_namespace_with_other_topics_a_sensor_of_the_other_sign_and_a_known_tool(world):
@@ -562,59 +474,6 @@ def test_in_a_namespace_with_other_topics_a_sensor_of_the_other_sign_and_a_known
 
 
 # --- changes while running -------------------------------------------------------------------
-AXES = [0.6, 0.8, 0.0, -0.8, 0.6, 0.0, 0.0, 0.0, 1.0]
-
-CHANGES: tuple[dict[str, Any], ...] = (
-    {"orientation": "rotation_vector"},
-    {"K_p": [500.0, 3000.0, 1000.0]},
-    {"K_p_axes": AXES},
-    {"translational_frame": "desired"},
-    {"orientation": "relative_euler_angles"},
-    {"K_o": [60.0, 200.0, 100.0]},
-    {"orientation": "euler_angles"},
-    {"euler_sequence": "ZYX"},
-    {"D_p": [100.0, 0.0, 0.0, 200.0, 0.0, 90.0], "M_p": [2.0, 0.5, 0.0, 3.0, 0.0, 1.0]},
-    {"orientation": "angle_axis", "M_o": [0.1, 0.05, 0.1]},
-    {"D_o": [10.0, 5.0, 8.0]},
-    {"k_Pp": 1600.0, "k_Vp": 80.0, "k_Po": 3000.0},
-    {"damping_eps": 0.3, "damping_max": 0.1},
-    {"velocity_scale": 0.8, "max_error_position": 0.08},
-    {"translational_frame": "base"},
-    {"force_dead_band": 0.5, "torque_dead_band": 0.05},
-    {"wrench_cutoff": 20.0},
-    {"wrench_bias": [3.0, 0.0, -2.0, 0.0, 0.1, 0.0]},
-    {"orientation": "euler_parameters"},
-)
-
-
-def test_changes_in_contact_while_moving_make_no_jump_of_the_compliant_frame(paired):
-    arm, (p, R), rate = paired.arm, pose(HOME), 2000.0
-    paired.change(max_effort_rate=[rate])
-    start = arm.t
-
-    def contact(_state: Any) -> Array:
-        s = 12.0 * (arm.t - start) / 1e9
-        grow = min(1.0, s)
-        waves = [8 * math.sin(s), 8 * math.cos(s), -6.0, 0.8 * math.cos(s), 0.0, math.sin(s)]
-        return grow * np.array(waves)
-
-    arm.environment = contact
-    turning = Circle(0.03, np.array([1.0, 0.0, 0.0]), 1.0, tilt=0.3, ramp=0.2)
-    motion = motion_to_ros(turning.trajectory(p, R), UR5.base_frame, UR5.tip_frame)
-    paired.references.publish(motion)
-    commands = arm.ticks(100)
-    for change in CHANGES:
-        paired.change(**change)
-        commands += arm.ticks(15)
-    frames = arm.frames_of(stamps_since(arm, len(commands)))
-    assert_no_jump(frames, DT)
-    assert largest_step(commands) <= rate * DT + EFFORT_ROUNDING
-    moving = frames[100:]
-    assert min(np.linalg.norm(frame.dp_d) for frame in moving) > 0.02
-    assert min(np.linalg.norm(frame.omega_d) for frame in moving) > 0.02
-    assert "following a reference" in paired.status().message
-    words = "changed: orientation rotation_vector"
-    assert words in paired.process.log
 
 
 # --- a force on the environment --------------------------------------------------------------

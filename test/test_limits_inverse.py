@@ -67,16 +67,6 @@ def test_too_fast_a_motion_is_slowed_in_its_direction_to_the_limit_of_one_joint(
             assert np.max(np.abs(limited) / LIMITS.velocity) == pytest.approx(1, rel=RELATIVE)
 
 
-def test_from_within_no_joint_goes_beyond_its_limits_whatever_is_wanted():
-    random = generator(72)
-    for scale in (0.1, 1.0, 10.0, 1e6, 1e300):
-        for _ in range(100):
-            q = random.uniform([-1, -2, -9], [1, 0.5, 9])
-            dt = 10 ** random.uniform(-4, 0)
-            limited, _ = LIMITS.limit_velocity(q, scale * random.normal(size=3), dt)
-            assert_within(LIMITS, q + dt * limited, limited)
-
-
 def test_scaled_limits_have_slower_speeds_only_and_contain_what_is_on_them():
     scaled = LIMITS.scaled(0.25)
     np.testing.assert_allclose(scaled.velocity, [0.5, 0.25, 1.0], rtol=RELATIVE)
@@ -309,19 +299,6 @@ def test_near_a_singularity_it_is_the_formula_of_the_damped_inverse(columns, sma
         assert_close(inverse(J), expected, 1e3 * ALGEBRAIC)
 
 
-@pytest.mark.parametrize("columns", [6, 7])
-def test_at_and_near_singularities_it_is_bounded_by_the_damping(columns):
-    for smallest in [0.0, *np.geomspace(1e-16, 1, 60).tolist()]:
-        J = jacobian_with([2.0, 1.5, 1.0, 1.0, 1.0, smallest], columns)
-        # s / (s^2 + lambda^2) <= 1 / (2 lambda), and 1 / s above eps; in between at most 1 / eps
-        assert np.linalg.norm(DampedInverse()(J), 2) <= (1 / EPS) * (1 + ALGEBRAIC)
-    J = jacobian_with([2.0, 1.5, 1.0, 1.0, 1.0, 1e-9])
-    assert np.linalg.norm(DampedInverse(eps=0.0)(J), 2) == pytest.approx(1e9, rel=1e-6)
-    J, lost = np.diag([1.0, 1.0, 1.0, 1.0, 1.0, 0.0]), np.eye(6)[5]
-    for inverse in (DampedInverse(), DampedInverse(eps=0.0), DampedInverse(lambda_max=0.0)):
-        np.testing.assert_array_equal(inverse(J) @ lost, np.zeros(6))
-
-
 def test_what_is_not_finite_is_not_taken_for_a_singularity_and_no_damping_is_negative():
     for J in (np.full((6, 6), math.nan), np.full((6, 7), math.nan), np.full((6, 4), math.inf)):
         assert not np.isfinite(DampedInverse()(J)).any()
@@ -397,27 +374,6 @@ def clik(**limits):
     """Return CLIK of the UR5 with limits of acceleration."""
     limited = replace(UR5.limits, **{"acceleration": np.full(6, 10.0), **limits})
     return Clik(UR5, ClikLaw(representation("euler_parameters")), limits=limited)
-
-
-def test_clik_brakes_into_a_stop_along_its_way():
-    scheme, dt = clik(), 1e-3
-    scheme.reset(HOME)
-    start, v, before = scheme.start_frame(), np.array([0.0, 0.8, 0.0]), JointCommand(HOME, STILL)
-    for k in range(400):
-        desired = start._replace(p_d=start.p_d + v * (k * dt), dp_d=v)
-        before = scheme.tick(dt, before.q, STILL, desired).command
-    assert np.abs(before.dq).max() > 0.5
-    direction = before.dq / np.linalg.norm(before.dq)
-    for _ in range(1000):
-        now = scheme.hold(dt, before.q, before.dq)
-        assert (np.abs(now.dq - before.dq) <= 10 * dt * (1 + RELATIVE)).all()
-        assert_close(now.q - before.q, dt * before.dq, LIMIT_ROUNDING)
-        np.testing.assert_allclose(now.dq, direction * (direction @ now.dq), atol=1e-12)
-        before = now
-        if not now.dq.any():
-            break
-    assert not now.dq.any()
-    assert not scheme.last_command(now.q, STILL).dq.any()
 
 
 def test_clik_says_by_how_much_it_is_slowed():

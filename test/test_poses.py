@@ -137,17 +137,6 @@ def line(count, step, turn=0.0):
 
 
 # --- poses with times ---------------------------------------------------------------------
-def test_poses_10_mm_and_100_ms_apart_are_passed_at_an_even_speed():
-    poses = line(31, 0.01, 0.02)
-    arm = Arm()
-    arm.send(message(poses, np.arange(31) * 0.1))
-    motion = arm.run(4.0).motion
-    assert_within(motion)
-    assert_passes(motion, poses)
-    assert_ends_at(motion, poses[-1])
-    middle = slice(RATE, int(2.5 * RATE))
-    assert ripple(np.linalg.norm(motion.v[middle], axis=1), 0.1) < 0.05
-    assert ripple(np.linalg.norm(motion.w[middle], axis=1), 0.2) < 0.05
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,6 @@
 
 import math
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -556,12 +554,3 @@ def test_a_broken_file_is_refused_with_its_path(text, reason, tmp_path):
     with pytest.raises(ConfigurationError, match=re.escape(reason)) as caught:
         load_robot("two")
     assert "two.yaml" in str(caught.value)
-
-
-def test_loading_a_robot_needs_neither_pybullet_nor_its_data():
-    code = (
-        "import sys; from eulerparams_control.robot.catalogue import load_robot; load_robot('ur5');"
-        "sys.exit(bool({'pybullet', 'pybullet_data', 'rclpy'} & set(sys.modules)))"
-    )
-    root = Path(__file__).parents[1]
-    assert subprocess.run([sys.executable, "-c", code], cwd=root, check=False).returncode == 0

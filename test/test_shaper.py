@@ -14,7 +14,6 @@ from ruckig import ControlInterface, Ruckig, RuckigError
 from samples import about, generator
 from tolerances import assert_close
 
-from eulerparams_control.laws.orientation import SEQUENCES, EulerSequence
 from eulerparams_control.laws.rotations import angle_between, exp, log
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import MotionLimits
@@ -174,19 +173,6 @@ def test_a_trajectory_that_begins_or_ends_in_motion_is_joined_and_ended_smoothly
     assert_at(motion, frames[-1].at_rest())
 
 
-@pytest.mark.parametrize("rate", [2, 5, 20])
-def test_chunks_that_correct_each_other_are_blended_without_a_stop(rate):
-    rng, events, times = generator(rate), [], np.linspace(0.0, 1.0, 6)
-    for begin in np.arange(3 * rate) / rate:
-        noise = 0.002 * rng.normal(size=3)
-        frames = [moved(SPEED * (begin + s), twist=SPEED) for s in times]
-        chunk = Trajectory(times.tolist(), [f._replace(p_d=f.p_d + noise) for f in frames])
-        events.append((0.1 + begin, sent(chunk, round((0.1 + begin) * 1e9))))
-    motion = follow(events, 6.0)
-    assert_within(motion)
-    assert np.linalg.norm(motion.v[RATE : 3 * RATE], axis=1).min() > 0.4 * SPEED
-
-
 # --- goals --------------------------------------------------------------------------------
 def shortest(L, theta, limits=LIMITS):
     """Return the least time from rest to rest over L [m] and theta [rad], both limited by jerk."""
@@ -217,16 +203,6 @@ def test_a_goal_is_reached_in_the_shortest_time_that_the_limits_allow():
         assert np.linalg.norm(motion.v[k]) + np.linalg.norm(motion.w[k]) > 0  # not before
         line = np.cross(motion.p - HERE.p_d, (goal.p_d - HERE.p_d) / L)
         assert norm(line) < 1e-9
-
-
-def test_goals_that_come_while_it_moves_keep_the_limits_and_the_last_is_reached():
-    rng = generator(2)
-    for _ in range(12):
-        goals = [DesiredFrame(HERE.p_d + rng.uniform(-0.2, 0.2, 3), turned(rng)) for _ in range(4)]
-        times = np.sort(rng.uniform(0.0, 3.0, 4))
-        motion = follow([(t, sent(Goal(g))) for t, g in zip(times, goals, strict=True)], 10.0)
-        assert_within(motion)
-        assert_at(motion, goals[-1])
 
 
 # --- streams ------------------------------------------------------------------------------
@@ -317,14 +293,8 @@ def test_a_stream_of_which_none_begins_is_told():
         shaper.sample(t)
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("sequence", [None, *SEQUENCES])
-def test_orientation_streams_pass_every_pole_and_tool_down(sequence, sign):
-    """A quaternion of either sign is one matrix: what the messages make of it."""
-    pole = about(0, math.pi)
-    if sequence is not None:
-        middle = 0.0 if len(set(sequence)) == 2 else math.pi / 2
-        pole = EulerSequence(sequence).R(np.array([0.3, middle, -0.4]))
+@pytest.mark.parametrize("pole", [about(0, math.pi), about(1, math.pi / 2)], ids=["down", "XYZ"])
+def test_orientation_streams_pass_tool_down_and_a_pole(pole):
     axis = np.array([0.6, -0.64, 0.48])
     start = DesiredFrame(HERE.p_d, pole @ exp(-0.6 * axis))
     events = [
@@ -349,21 +319,6 @@ def test_a_twist_is_attained_and_ends_smoothly_when_none_follows():
     assert not motion.v[-1].any()
     assert not motion.w[-1].any()
     assert np.linalg.norm(motion.p[-1] - motion.p[int(2.1 * RATE)]) < 0.12 * 0.4
-
-
-@pytest.mark.parametrize("last", [0.45, 0.5, 0.6])
-def test_a_twist_that_ends_while_time_stands_moves_nothing_when_time_goes_on(last):
-    twist, shaper = Jog(np.r_[0.2 * X, np.zeros(3)], 0.1), Shaper(HERE, LIMITS)
-    for k in range(750):
-        if k % 10 == 0 and k <= last * RATE:
-            shaper.follow(twist, None)
-        if 250 < k <= 500:
-            shaper.wait(round(1e9 / RATE))
-        frame = shaper.sample(round(k * 1e9 / RATE))
-        if k == 250:
-            assert np.linalg.norm(frame.dp_d) > 0.1
-            there = frame.p_d
-    assert_close(frame.p_d, there, 1e-9)
 
 
 def test_a_twist_beyond_the_limits_is_cut_and_what_came_last_leads_smoothly():
@@ -444,37 +399,11 @@ def test_what_was_sent_before_or_while_time_stood_still_moves_nothing_after_it(r
     assert norm(motion.p[:999] - HERE.p_d) < (0.01 if at < 1 else 1e-9)
 
 
-@pytest.mark.parametrize(("rate", "is_still"), [(0.0025, False), (0.0015, True), (0.0, True)])
-def test_what_begins_while_time_goes_at_less_than_2_in_1000_begins_from_rest(rate, is_still):
-    """That is no jump: the tip stops from 0.5 mm/s at most, for which 1 m/s^2 take half a tick."""
-    shaper, t = Shaper(HERE, LIMITS), 0
-    shaper.follow(SetPoint(moved(twist=0.25), 5.0), 0)
-    for k in range(1000):
-        t = k * 1_000_000
-        shaper.wait(round((1.0 - rate) * 1e6) if k > 800 else 0)
-        shaper.sample(t)
-    assert np.linalg.norm(shaper.last.dp_d) == pytest.approx(0.25)  # as planned
-    shaper.follow(Goal(moved(0.3)), None)
-    shaper.wait(round((1.0 - rate) * 1e6))
-    shaper.sample(t + 1_000_000)
-    assert shaper.restarts == is_still
-    assert np.linalg.norm(shaper.last.dp_d) == pytest.approx(0.0 if is_still else 0.25, abs=1e-3)
-
-
 @pytest.mark.parametrize("rate", [0.0, 0.3])
 def test_a_stream_of_every_tick_is_slowed_like_all_else(rate):
     events = [(k / RATE, sent(SetPoint(moved(0.2 * k / RATE, twist=0.2), 0.1))) for k in range(900)]
     motion = follow(events, 1.9, scale=Plan(rate, rate))
     assert norm(motion.v[700:900]) <= rate * 0.25 + 1e-9
-
-
-def test_a_motion_beyond_limits_that_were_lowered_can_always_brake():
-    scale = TimeScale(MotionLimits(0.5, 1.0, 0.2, 4.0, 20.0, 80.0))
-    circling = moved(twist=0.27)._replace(ddp_d=np.array([0.0, 0.9, 0.0]))
-    for _ in range(1500):
-        scale.advance(0.002)
-        scale.paced(0.002, 0.0, circling, lambda _: circling)
-    assert scale.now == 0
 
 
 def test_a_set_point_that_accelerates_does_not_lead_beyond_the_speed_limit_if_there_is_one():

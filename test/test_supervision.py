@@ -278,34 +278,6 @@ def test_an_effort_that_a_defect_makes_too_large_or_too_sudden_is_bounded():
     assert running.limiter.bounded > 0
 
 
-@pytest.mark.parametrize("jump", [-5.0, 5.0])
-def test_after_a_jump_of_the_stamps_no_command_jumps_while_the_robot_obeys(jump):
-    """The arm moves: its commands go on from the last one, within the rates, to a hold."""
-    running, t, q, _dq, now = following(dynamic_control(), now=50.0)
-    rate = running.scheme.bounds.effort_rate
-    before = running.step(t + MS, q, np.full(6, 0.5), now + DT).effort
-    jumped = t + round(jump * 1e9)
-    for step in range(2, 30):
-        moving = q + 0.5 * step * DT
-        command = running.step(jumped + step * MS, moving, np.full(6, 0.5), now + step * DT)
-        assert np.all(np.abs(command.effort - before) <= rate * DT + GUARD_ROUNDING)
-        before = command.effort
-    assert running.supervisor.resets == 1
-
-
-def test_a_state_that_repeats_itself_for_too_long_gets_no_more_commands():
-    running, t, q, dq, now = following(clik(limits=UR5.limits), now=50.0)
-    last = running.step(t + MS, q, dq, now + DT)
-    assert np.abs(last.dq).max() > 0.01
-    assert running.step(t + MS, q, dq, now + 0.9 * TIMEOUT) is None
-    assert running.fault == ""
-    assert running.step(t + MS, q, dq, now + 2 * TIMEOUT) is None
-    assert "repeats itself" in running.fault
-    command = running.step(t + 200 * MS, q, STILL, now + 2 * TIMEOUT)  # new ones come
-    np.testing.assert_allclose(command.dq, 0, atol=HELD)
-    assert running.fault
-
-
 def test_a_position_at_rest_is_repeated_as_long_as_its_state_is_but_no_effort():
     running = Controller(clik(limits=UR5.limits), CHECKED, HOME)
     first = running.step(T_0, HOME, STILL, 50.0)
@@ -433,16 +405,6 @@ def test_a_set_point_whose_twist_leads_far_away_is_refused_wherever_it_ends(acce
     spinning = pose_of(HOME)._replace(omega_d=np.array([0.0, 0.0, 2 * math.pi / 0.1]))
     with pytest.raises(InvalidMessageError, match="twist of the set-point leads"):
         running.orders.follow(SetPoint(spinning, 0.1), None)
-
-
-def test_a_simulation_that_begins_anew_is_believed_when_it_goes_on_steadily():
-    running, _, _, _, now = following(clik(limits=UR5.limits), now=50.0)
-    q = HOME + 0.2
-    answers = [running.step(k * MS, q, STILL, now + k * DT) for k in range(1, 300)]
-    assert answers[0] is None
-    assert answers[-1] is not None
-    np.testing.assert_allclose(answers[-1].q, q, atol=HELD)
-    assert answers.count(None) <= 1000 * TIMEOUT + 1
 
 
 def test_an_arm_at_rest_with_noisy_speeds_and_coarse_encoders_is_believed():
@@ -623,18 +585,6 @@ def test_neither_a_reference_nor_a_resume_leads_out_of_a_runaway_or_a_defect():
     assert running.why.cause is Cause.DEFECT
 
 
-def test_references_that_came_while_the_arm_ran_away_have_to_pause_when_it_is_back():
-    running, t, q, _, now = following(dynamic_control(), now=50.0)
-    running.step(t + MS, q, 1.6 * UR5.limits.velocity, now + DT)
-    for step in range(2, 900):
-        running.step(t + step * MS, q, STILL, now + step * DT)
-        if step % 10 == 0:
-            for ask in asks(running, q, now + step * DT):
-                with pytest.raises(InvalidMessageError, match="runs away"):
-                    ask()
-    assert running.mode is Mode.STOPPED
-
-
 # --- the table of modes, and what each keeps ----------------------------------------------
 TABLE = """
 event       waiting   holding     following   stopped     releasing   distrusting
@@ -752,17 +702,3 @@ def test_an_arm_is_at_rest_after_it_stayed_in_one_place_for_0_2_s():
     assert not any(mode.rests(0.01, here) for _ in range(19))
     assert not any(mode.rests(0.01, there) for _ in range(19))  # it moved meanwhile
     assert mode.rests(0.01, there + 1e-3)
-
-
-def test_distrust_holds_back_a_mode_that_goes_on_changing_behind_it():
-    held_back = led(Holding, STOP).after(ModeEvent.DISTRUST, Why(at=7.0))
-    assert isinstance(held_back, Distrusting)
-    assert (held_back.until, held_back.is_halted, held_back.why) == (7.0, True, FAULT)
-    after = held_back.after(ModeEvent.REFERENCE, Why())
-    assert (after.mode, after.is_halted, after.until) == (Mode.DISTRUSTING, False, 7.0)
-    assert after.after(ModeEvent.TRUST, Why()).mode is Mode.FOLLOWING
-    again = held_back.after(ModeEvent.DISTRUST, Why(at=8.0))  # by another jump; not twice
-    assert again.until == 8.0
-    assert again.after(ModeEvent.TRUST, Why()).mode is Mode.STOPPED
-    once = Holding(Why()).after(ModeEvent.DISTRUST, Why(at=7.0))
-    assert once.after(ModeEvent.RUNS_AWAY, RUNAWAY).is_runaway

@@ -25,9 +25,6 @@ from eulerparams_control.tool.report import ToolReport
 # Of a sample of the sensor, N and Nm, and how many samples are averaged: 1 s at 1 kHz.
 NOISE = np.repeat([0.1, 0.005], 3)
 SAMPLES = 1000
-# Identifications of which z-scores are taken.  The mean of z^2 of so many, Student's t with 12
-# degrees of freedom or more, has a standard deviation of 0.045, that of z one of 0.025.
-RUNS = 2000
 Z_SQUARED, Z = 4 * 0.045, 4 * 0.025
 
 
@@ -84,9 +81,6 @@ def test_without_noise_the_tool_and_the_bias_are_found_exactly(key, count):
     assert_close(found.bias, truth.bias, 10 * ALGEBRAIC)
     assert found.residual_force.shape == found.residual_torque.shape == (count,)
     assert max(found.residual_force.max(), found.residual_torque.max()) < 10 * ALGEBRAIC
-
-
-FAR = Truth(0.5, np.array([0.0, 0.0, 5.0]), np.zeros(6))  # where the error of the mass counts most
 
 
 def test_what_does_not_fit_is_left_over_in_its_pose():
@@ -216,17 +210,6 @@ def test_a_pose_is_taken_after_settling_of_the_averages_since_then(bench):
     assert_close(taken.wrench, used.mean(axis=0), AVERAGE)
     assert_close(taken.wrench_std, used.std(axis=0, ddof=1) / math.sqrt(20), AVERAGE)
     assert taken.samples == 20
-    assert bench.said == []
-
-
-def test_in_each_new_orientation_one_pose_is_taken(bench):
-    for number, q in enumerate([HOME, TILTED, HOME - [0, 0, 0, 0.9, 0, 0]], 1):
-        bench.rest(q, 1.5)
-        assert len(bench.poses) == number
-        assert_close(bench.poses[-1].R_s, pose(q)[1])
-    down = np.array([0.0, 0.0, -1.0])
-    directions = [p.R_s.T @ down for p in bench.poses]
-    assert_close(bench.collector.directions, directions)
     assert bench.said == []
 
 

@@ -1,26 +1,20 @@
 """The laws for comparison, the experiments without nodes, and an implementation by others."""
 
 import math
-import os
 import subprocess
 import sys
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from representations import make
 from samples import generator, positive_definite, rodrigues, uniform, unit_vectors
 from synthetic_runs import write_run
 from tolerances import ALGEBRAIC, DIFFERENCES, assert_close
 
-from eulerparams_control.lab.as_shipped.laws import LAMBDA
-from eulerparams_control.lab.as_shipped.pose import dual, log6
 from eulerparams_control.lab.experiments.definition import load_experiment
-from eulerparams_control.lab.experiments.laws_table import table_of_laws
-from eulerparams_control.lab.experiments.library.set_points import astray, between
 from eulerparams_control.lab.experiments.paper import COMPARISON, paper_experiments
 from eulerparams_control.laws.impedance_matrices import Impedance
-from eulerparams_control.laws.orientation import ORIENTATIONS, representation
+from eulerparams_control.laws.orientation import representation
 from eulerparams_control.laws.orientation.relative_quaternion import RelativeTurn
 from eulerparams_control.laws.rotations import EulerParameters, exp, product, quaternion
 from eulerparams_control.parameters.schemes import schemes
@@ -43,13 +37,6 @@ def test_a_law_as_shipped_is_the_stiffness_times_the_displacement(theta):
         for name, length in f.items():
             found = moment(f"as_shipped_{name}", rodrigues(theta, r), K_o)
             assert_close(found, K_o @ (length * r), 100 * ALGEBRAIC)
-
-
-def test_about_an_axis_of_the_stiffness_it_is_that_of_the_gradient_for_theta_r_only():
-    R = rodrigues(1.0, np.array([1.0, 0.0, 0.0]))
-    assert_close(moment("as_shipped_theta", R), moment("rotation_vector", R))
-    assert_close(moment("as_shipped_geometric", R), moment("euler_parameters", R))
-    assert abs(moment("as_shipped_eps", R) - moment("euler_parameters", R)).max() > 1.0
 
 
 def test_no_node_of_a_robot_offers_a_law_as_shipped():
@@ -83,33 +70,6 @@ def test_a_page_shows_the_error_of_a_law_as_shipped_for_the_run_that_used_it_alo
     assert sorted(shipped) == ["error_angle_axis", "error_as_shipped_eps"]
 
 
-def rate(name, Q, x, mu_d, Z):
-    law = representation(name)
-    y = RelativeTurn(EulerParameters(*Q), x)
-    return np.asarray(law.compliance.rate(y, mu_d, Z.values, law.options.values).x)
-
-
-def test_version_1_is_eq_59_and_version_2_is_at_rest_with_a_stiffer_spring():
-    Z, R = Impedance(0.5 * np.eye(3), 10.0 * np.eye(3), K), rodrigues(0.7, unit_vectors(1)[0])
-    Q, x, mu = quaternion(R), np.array([0.3, -0.2, 0.5]), np.array([1.0, 2.0, -3.0])
-    assert_close(
-        rate("as_shipped_geometric", Q, x, mu, Z), rate("euler_parameters", Q, x, mu, Z), 1e-12
-    )
-    f = moment("euler_parameters", R)
-    stiffer = (1.0 + 10.0 * LAMBDA) * f
-    assert_close(rate("as_shipped_geometric_2", Q, np.zeros(3), stiffer, Z), np.zeros(3), 1e-12)
-
-
-def test_version_2_feeds_its_sliding_velocity_forward():
-    """M dx + D x + LAMBDA (M df + D f) + f = mu, df by differences along x."""
-    Z, R = Impedance(0.5 * np.eye(3), 10.0 * np.eye(3), K), rodrigues(0.7, unit_vectors(1)[0])
-    x, h = np.array([0.3, -0.2, 0.5]), 1e-6
-    in_tool = [exp(s * h * x).T @ moment("euler_parameters", exp(s * h * x) @ R) for s in (-1, 1)]
-    df = (in_tool[1] - in_tool[0]) / (2 * h)
-    f, dx = moment("euler_parameters", R), rate("as_shipped_geometric_2", quaternion(R), x, x, Z)
-    assert_close(0.5 * dx + 10 * x + LAMBDA * (0.5 * df + 10 * f) + f, x, DIFFERENCES)
-
-
 def test_on_its_sliding_surface_the_sliding_variable_stays():
     """With omega_e = omega_d + l eps_de the acceleration is the derivative of that."""
     law, h = make("as_shipped_sliding"), 1e-6
@@ -130,45 +90,6 @@ def test_on_its_sliding_surface_the_sliding_variable_stays():
         assert_close(found, by_differences, DIFFERENCES)
 
 
-def test_pose_laws_are_log6_and_the_dual_quaternion():
-    for R, p in zip(uniform(10), unit_vectors(10), strict=True):
-        found = log6(p, R)
-        assert_close([*found.v, *found.omega], pin.log6(pin.SE3(R, p)).vector, 1e-9)
-        Q = quaternion(R)
-        of_dual = product(EulerParameters(0.0, p), Q)  # its vector part, twice its half
-        found = dual(p, R)
-        assert_close([*found.v, *found.omega], [*of_dual.eps, *(2 * Q.eps)])
-
-
-def test_clik_with_log6_goes_along_an_arc_and_apart_straight():
-    code = """
-import math
-import numpy as np
-from eulerparams_control.lab.as_shipped.pose import PoseClik
-from eulerparams_control.lab.experiments.library._arms import ur5
-from eulerparams_control.laws.clik import ClikLaw
-from eulerparams_control.laws.orientation import representation
-from eulerparams_control.laws.rotations import exp
-from eulerparams_control.motion.frames import DesiredFrame
-robot, home = ur5()
-for name, k_Po in (("as_shipped_log6", 5.0), ("euler_parameters", 10.0)):
-    clik = PoseClik(robot, ClikLaw(representation(name), 5.0, k_Po), limits=None)
-    clik.reset(home)
-    start = clik.start_frame()
-    turn = np.array([0.0, 0.0, math.pi / 2])
-    goal = DesiredFrame(start.p_d + [0.0, 0.1, 0.0], exp(turn) @ start.R_d)
-    ticks = (clik.tick(5e-3 * (i > 0), home, 0 * home, goal) for i in range(200))
-    print(1e3 * max(abs(tick.state.p_e[0] - start.p_d[0]) for tick in ticks))
-"""
-    plain = {**os.environ, "EULERPARAMS_PLAIN": "1"}
-    run = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=plain
-    )
-    log6_off, apart_off = map(float, run.stdout.split())
-    assert log6_off == pytest.approx(50.0 * math.tan(math.pi / 8), rel=0.02)
-    assert apart_off < 0.5
-
-
 # --- experiments without nodes -----------------------------------------------------------------
 def test_the_comparison_has_a_page_of_its_own():
     assert not {e.name for e in paper_experiments()} & set(COMPARISON)
@@ -181,40 +102,7 @@ def test_each_claim_of_the_comparison_without_nodes_is_a_number_with_a_predictio
     assert all(criterion.number and criterion.predicted for criterion in criteria)
 
 
-def test_the_table_has_each_law_and_says_which_make_energy():
-    rows = {row["law"]: row for row in table_of_laws()}
-    assert set(ORIENTATIONS) < set(rows)
-    makes = {name for name, row in rows.items() if row["conservative"] == "no"}
-    assert makes == {"as_shipped_eps", "as_shipped_theta", "as_shipped_sin"}
-    singular = {name: row["singular at"] for name, row in rows.items()}
-    assert singular["euler_parameters"] == "nowhere"
-    assert singular["rodrigues"] == "errors of 180°"
-    assert singular["angle_axis"] == "errors of 90°, 180°"
-    assert singular["euler_angles"] == "poles of the frames"
-
-
 # --- set-points by component -------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("name", "sequence"),
-    [
-        *((n, "XYZ") for n in ("rotation_vector", "euler_parameters", "modified_rodrigues")),
-        ("euler_angles", "XYZ"),
-        ("euler_angles", "ZYZ"),
-    ],
-)
-def test_set_points_by_component_begin_and_end_at_both(name, sequence):
-    for R_1, R_2 in zip(uniform(5), uniform(5, key=1), strict=True):
-        first, last = between(name, R_1, R_2, sequence=sequence)[[0, -1]]
-        assert_close(first, R_1, 100 * ALGEBRAIC)
-        assert_close(last, R_2, 100 * ALGEBRAIC)
-
-
-def test_tool_down_rotation_vectors_lead_astray_and_elsewhere_hardly():
-    down = np.array([0.6, 0.8, 0.0])
-    name = "rotation_vector"
-    across = astray(name, rodrigues(math.pi - 0.01, down), rodrigues(math.pi + 0.01, down))
-    assert across == pytest.approx(180.0 - math.degrees(0.01), abs=1.0)
-    assert astray(name, rodrigues(1.0, down), rodrigues(1.02, down)) < 1e-6
 
 
 # --- an implementation by others ---------------------------------------------------------------

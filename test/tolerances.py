@@ -23,9 +23,8 @@ NO_JUMP = REACHED = 1e-10
 # Accelerations of up to 1e4 through T^-1 at POLE_CLEARANCE, or J^-1 and B of condition 100; the
 # relative error of T^-1 at 1e-5 rad from the pole, the rounding of 1e-16 over 1e-5.
 ERROR_EQUATION = NULL_SPACE = ILL_CONDITIONED = 1e-9
-# The start of an experiment [m]; an arm that its model of gravity holds for 1 s; rates [rad/s]
-# after 4 s at 10 1/s.
-REST = AT_REST = SETTLED = 1e-9
+# The start of an experiment [m]; an arm that its model of gravity holds for 1 s.
+REST = AT_REST = 1e-9
 # Durations are rounded to a nanosecond: half of one, and the rounding of 1e6 s (1e-10).
 NANOSECOND = 0.7e-9
 # asin at 90 deg from the pole has a vertical tangent and returns half of the digits; so do the
@@ -53,9 +52,8 @@ GRADIENT = 1e-6
 MOTION_DIFFERENCES = 1e-7
 # Rate of a momentum of order 1 in steps of 1e-5 s: the third derivative is of order 10.
 MOMENTUM = 1e-8
-# Turn at which a stiffness of up to 100 Nm/rad is measured: the rounding is 1e-16 / 1e-5 of the
-# larger of mass and stiffness, with two decades to spare.
-SMALL_TURN, STIFFNESS = 1e-5, 1e-7
+# An elastic moment of stiffnesses of up to 100 Nm/rad [Nm].
+STIFFNESS = 1e-7
 # Residual [N, Nm] of impedance equations of up to 100 N; T is differentiated by differences.
 IMPEDANCE_EQUATION = 1e-7
 # Velocities and accelerations over 0.2 ms: the wrench, which is linear between its samples, leaves
@@ -76,15 +74,11 @@ BEYOND_A_STEP = 1.3
 # Closed loops of gain k = 10, of the first error: the explicit step leaves k dt / (2 e) = 2e-3,
 # and the curvature of the joint motion as much again.
 CLOSED_LOOP = 5e-3
-# E7: errors of an arm that is commanded at 1 kHz.
-E7_DEG, E7_MM = 5e-3, 0.02
-# The same of any robot of the catalogue, at 500 Hz.
+# Errors of any robot of the catalogue, commanded at 500 Hz.
 ROBOTS_DEG, ROBOTS_MM = 0.02, 0.05
 # dV_3 over a tick against the mean of (69) at its ends, of its largest value: the trapezium leaves
 # dt^2 / 12 of the second derivative (4e3).
 V_3_SAMPLED = 5e-4
-# The work along a closed path of 2000 steps, of what is exchanged; clipped forces have corners.
-CLOSED_PATH = 1e-6
 # Poles of a free arm by differences of its accelerations, whose rounding is 1e-13 / STEP.
 DAMPING_RATIO = 1e-4
 # The error of Runge-Kutta's method drops by 2^4 as the step is halved, but for higher orders.
@@ -96,7 +90,7 @@ RELATIVE_MOTION = 1e-9
 FAST_MODES = 1e-3
 # A circle of 60 quintic arcs a turn between its points: arc^6 / 46080 = 3e-11 for a radius of 1;
 # where a ramp changes the speed, its derivatives come into it.
-BETWEEN_POINTS, RAMPED = 1e-9, 1e-7
+RAMPED = 1e-7
 
 # --- contact and nodes ----------------------------------------------------------------
 # What a spring of 1000 N/m exerts on a wall of 2e4 N/m after 10 s [N]; a pose at rest after it.
