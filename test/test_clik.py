@@ -245,9 +245,6 @@ def test_nothing_is_integrated_when_the_law_has_no_answer():
     np.testing.assert_array_equal(after.q, before.q + DT * before.dq)
 
 
-# --- limits -------------------------------------------------------------------------------
-
-
 # --- redundancy ---------------------------------------------------------------------------
 @pytest.mark.parametrize("name", ["panda", "kuka_iiwa"])
 def test_the_null_space_does_not_move_the_tip_and_approaches_the_posture(name):

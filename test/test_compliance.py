@@ -246,9 +246,6 @@ def test_the_impedance_does_not_depend_on_the_sign_of_the_quaternion(name):
         tol.assert_close(other.x, one.x, 1e2 * tol.ALGEBRAIC)
 
 
-# --- stiffness for small turns, eqs. (57), (58), (61), (62) --------------------------------------
-
-
 # --- the equations hold along a motion, and the frame moves as it says ---------------------------
 def clear_motions(count, key=0):
     """Return desired motions that begin away from the pole of XYZ."""

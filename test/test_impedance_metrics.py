@@ -5,7 +5,6 @@ The rod of the synthetic runs is at q = 0 or at q = 90 deg, where the tip points
 """
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -300,14 +299,6 @@ def test_without_v_3_the_recording_says_why(compliant, changes, words):
     assert words in run.why_no_lyapunov
 
 
-def test_v_3_is_that_of_the_compliant_frame_whichever_loop_follows_it(compliant):
-    clik = {"orientation": "euler_parameters", "k_Po": 1.0}
-    run = replace(compliant, parameters={"/clik": clik, NODE: IMPEDANCE})
-    assert run.lyapunov is not None
-    assert run.lyapunov.V[1] == pytest.approx(20 * math.sin(0.2) ** 2)
-    assert replace(run, compliant=None).why_no_lyapunov == "no compliant_frame was recorded"
-
-
 # --- what the impedance equations leave ----------------------------------------------
 # A desired frame that turns and moves on a curve, and a compliant frame that does otherwise.
 ENDS = ([0.3, -0.8, 0.5], [1.0, 0.4, -0.9], [0.1, 0.6, 1.2], [-0.7, 0.2, 0.9])
@@ -385,38 +376,6 @@ def test_the_residual_of_a_run_is_what_its_force_and_moment_lack(tmp_path):
         measure("force_residual", replace(run, parameters={}))
 
 
-# --- table and page ------------------------------------------------------------------
-CONTACT_GRIDS = [
-    "Contact force, base axes",
-    "Contact moment, base axes",
-    "Displacement of the compliant frame, desired axes",
-    "Turn of the compliant frame, desired axes",
-]
-CONTACT_PLOTS = [
-    *(title.partition(",")[0] for title in CONTACT_GRIDS),
-    "Position error of the motion loop",
-    "Orientation error of the motion loop",
-]
-
-
-def titles(run: Recording, folder: Path, **options: Any) -> list[str]:
-    write_page(folder / "page.html", [Digest.of(run)], "", "", **options)
-    return re.findall(r"<h3>(.*?)</h3>", (folder / "page.html").read_text())
-
-
-def test_an_impedance_page_shows_wrench_compliance_and_motion_loop_in_order(compliant, tmp_path):
-    shown = titles(compliant, tmp_path)
-    assert shown[:7] == ["Orientation error", *CONTACT_PLOTS]
-    first = shown.index(CONTACT_GRIDS[0])
-    assert shown[first : first + 4] == CONTACT_GRIDS
-    assert "Speed of each joint" in shown[first + 4 :]
-    shown = titles(compliant, tmp_path, first="moment")
-    assert shown[:3] == ["Contact moment", "Orientation error", "Contact force"]
-    assert shown.count("Contact moment") == 1
-    with pytest.raises(UnknownNameError, match=r"unknown picture 'momet'.*did you mean 'moment'"):
-        titles(compliant, tmp_path, first="momet")
-
-
 # --- the centre of compliance --------------------------------------------------------
 def test_force_and_moment_count_at_the_centre_of_compliance(tmp_path):
     # the centre is 0.5 m along the rod and 0.1 m along z beyond the tip; the rod rests at q = 0
@@ -438,15 +397,6 @@ def test_force_and_moment_count_at_the_centre_of_compliance(tmp_path):
     assert measure("final_moment", run) == pytest.approx(float(np.linalg.norm(balance[3:])))
     tip = np.linalg.norm(frame.p_d - P_D)
     assert measure("final_displacement", run) == pytest.approx(1e3 * float(tip))
-
-
-def test_the_rate_at_which_half_a_turn_is_left_is_that_of_its_first_passage(tmp_path):
-    left = 0.01 * np.exp(3.0 * np.arange(80) / 100)  # [rad], 0.6 to 6.1 deg
-    frames = [turned(0.0, 0.0, math.pi - each) for each in [0.2, *left, 1.0, 0.1]]
-    run = recorded(tmp_path / "run", [0.0] * len(frames), compliant=frames)
-    assert measure("escape_rate", run, low=1.0, high=5.0) == pytest.approx(3.0, rel=1e-6)
-    with pytest.raises(BagError, match=r"run: 180 deg less the turn has fewer than two samples"):
-        measure("escape_rate", run, low=0.1, high=5.0)
 
 
 # --- springs of compliance control ---------------------------------------------------

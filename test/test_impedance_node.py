@@ -473,9 +473,6 @@ def test_in_a_namespace_with_other_topics_a_sensor_of_the_other_sign_and_a_known
     assert process.stop() == 0
 
 
-# --- changes while running -------------------------------------------------------------------
-
-
 # --- a force on the environment --------------------------------------------------------------
 def target_wrench(arm: FeelingArm, *wrench: float, frame: str = UR5.tip_frame) -> WrenchStamped:
     """Return a target_wrench for the next state of an arm."""

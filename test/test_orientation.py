@@ -392,19 +392,6 @@ def test_on_the_long_way_round_the_laws_pull_the_other_way(name):
         assert np.abs(a_o_of(long, motion) - a_o_of(short, motion)).max() > 1
 
 
-@every_sequence
-@pytest.mark.parametrize("distance", [1e-2, 1e-4])
-def test_near_the_pole_eq_39_holds_to_rounding_of_its_growing_terms(sequence, distance):
-    law = make("euler_angles", sequence)
-    both = poles(sequence)
-    ends = [R for pole in both for R in near_pole(sequence, pole, distance, 4)]
-    for motion in moving(list(zip(ends, reversed(ends), strict=True))):
-        _, _, ddx = ERRORS["euler_angles"](motion, REST, sequence)  # they grow like 1/distance^2
-        size = np.abs(ddx).max()
-        assert size > 0.1 / distance
-        assert_second_order("euler_angles", law, motion, sequence, atol=tol.ILL_CONDITIONED * size)
-
-
 # --- Lyapunov functions, eqs. (30), (31), (42)-(47) ---------------------------------------------
 @every_representation
 def test_only_the_representations_of_the_paper_have_lyapunov_functions(name):

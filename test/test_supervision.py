@@ -264,6 +264,19 @@ def test_a_command_that_is_not_finite_never_leaves_the_controller():
     assert not command.dq.any()
 
 
+def test_a_state_that_repeats_itself_for_too_long_gets_no_more_commands():
+    running, t, q, dq, now = following(clik(limits=UR5.limits), now=50.0)
+    last = running.step(t + MS, q, dq, now + DT)
+    assert np.abs(last.dq).max() > 0.01
+    assert running.step(t + MS, q, dq, now + 0.9 * TIMEOUT) is None
+    assert running.fault == ""
+    assert running.step(t + MS, q, dq, now + 2 * TIMEOUT) is None
+    assert "repeats itself" in running.fault
+    command = running.step(t + 200 * MS, q, STILL, now + 2 * TIMEOUT)  # new ones come
+    np.testing.assert_allclose(command.dq, 0, atol=HELD)
+    assert running.fault
+
+
 def test_an_effort_that_a_defect_makes_too_large_or_too_sudden_is_bounded():
     running, t, q, dq, _ = following(dynamic_control())
     before = running.step(t + MS, q, dq).effort

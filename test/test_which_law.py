@@ -9,7 +9,7 @@ import pytest
 from representations import make
 from samples import generator, positive_definite, rodrigues, uniform, unit_vectors
 from synthetic_runs import write_run
-from tolerances import ALGEBRAIC, DIFFERENCES, assert_close
+from tolerances import ALGEBRAIC, assert_close
 
 from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.experiments.paper import COMPARISON, paper_experiments
@@ -70,26 +70,6 @@ def test_a_page_shows_the_error_of_a_law_as_shipped_for_the_run_that_used_it_alo
     assert sorted(shipped) == ["error_angle_axis", "error_as_shipped_eps"]
 
 
-def test_on_its_sliding_surface_the_sliding_variable_stays():
-    """With omega_e = omega_d + l eps_de the acceleration is the derivative of that."""
-    law, h = make("as_shipped_sliding"), 1e-6
-    k_Po, k_Vo = 90.0, 20.0
-    k = (k_Vo + math.sqrt(k_Vo**2 - 2 * k_Po)) / 2
-    for R_d, R_e, omega_d in zip(uniform(5), uniform(5, key=1), uniform(5, key=2), strict=True):
-        omega_d = omega_d[0]
-
-        def wanted(t, R_d=R_d, R_e=R_e, omega_d=omega_d, turning=None):
-            at = exp(t * omega_d) @ R_d, R_e if turning is None else exp(t * turning) @ R_e
-            return omega_d + 2 * (k_Vo - k) * law.displacement(*at).error
-
-        omega_e = wanted(0.0)
-        found = law.resolved_acceleration(
-            law.displacement(R_d, R_e), omega_d, np.zeros(3), omega_e, k_Po, k_Vo
-        )
-        by_differences = (wanted(h, turning=omega_e) - wanted(-h, turning=omega_e)) / (2 * h)
-        assert_close(found, by_differences, DIFFERENCES)
-
-
 # --- experiments without nodes -----------------------------------------------------------------
 def test_the_comparison_has_a_page_of_its_own():
     assert not {e.name for e in paper_experiments()} & set(COMPARISON)
@@ -100,9 +80,6 @@ def test_each_claim_of_the_comparison_without_nodes_is_a_number_with_a_predictio
     criteria = load_experiment(name).criteria  # that they are met: test_paper
     assert criteria
     assert all(criterion.number and criterion.predicted for criterion in criteria)
-
-
-# --- set-points by component -------------------------------------------------------------------
 
 
 # --- an implementation by others ---------------------------------------------------------------

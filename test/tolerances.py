@@ -22,7 +22,7 @@ THROUGH_POINTS = 1e-11
 NO_JUMP = REACHED = 1e-10
 # Accelerations of up to 1e4 through T^-1 at POLE_CLEARANCE, or J^-1 and B of condition 100; the
 # relative error of T^-1 at 1e-5 rad from the pole, the rounding of 1e-16 over 1e-5.
-ERROR_EQUATION = NULL_SPACE = ILL_CONDITIONED = 1e-9
+ERROR_EQUATION = NULL_SPACE = 1e-9
 # The start of an experiment [m]; an arm that its model of gravity holds for 1 s.
 REST = AT_REST = 1e-9
 # Durations are rounded to a nanosecond: half of one, and the rounding of 1e6 s (1e-10).
