@@ -407,6 +407,18 @@ def test_a_fast_impedance_is_stable_and_accurate(dt):
     tol.assert_close(theta, expected, 1e-4 * f / k + tol.FAST_MODES * f / k)
 
 
+def test_within_a_step_that_is_divided_the_wrench_goes_on_linearly():
+    (m, d, k, f), dt = FAST, 2e-2
+    slope = 15 * f
+    own = law(translation=Impedance(m * I, d * I, k * I))
+    t = times(0.2, dt)
+    frames = follow(begun(own, at(), at()), constant(at()), lambda t: wrench(slope * t * I[1]), t)
+    lag = slope * d / k**2  # m x'' + d x' + k x = slope t: x = slope t / k - lag + the modes
+    expected = slope * t / k - lag + modal(t, m, d, k, 0.0, lag, -slope / k)
+    size = expected.max()
+    tol.assert_close([c.p_d[1] for c in frames], expected, tol.FAST_MODES * size)
+
+
 @every_representation
 @pytest.mark.parametrize("dt", [1e-3, 2e-2])
 def test_an_undamped_fast_rotation_does_not_grow(name, dt):

@@ -359,6 +359,15 @@ def test_where_the_desired_frame_is_beyond_the_arm_a_reference_may_be_no_farther
         references.refuse_jump(SetPoint(farther, 0.1), 0.0, here)
 
 
+def test_of_a_trajectory_that_is_late_only_what_is_to_come_has_to_be_within_reach():
+    references = References(math.inf, math.inf, UR5.reach)
+    here, far = pose_of(HOME), out_of(UR5.reach, 1.2, pose_of(HOME))
+    motion = Trajectory([0.0, 1.0, 2.0], [here, far, here])
+    references.refuse_jump(motion, 1.5, here)
+    with pytest.raises(InvalidMessageError, match="out of reach"):
+        references.refuse_jump(motion, 0.5, here)
+
+
 def test_where_a_reference_is_required_there_is_silence_until_the_first():
     running, elsewhere = controller(ControllerOptions(require_reference=True)), HOME + 0.4
     for step in range(50):

@@ -44,6 +44,7 @@ from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.orientation import ORIENTATIONS
 from eulerparams_control.laws.scheme import ErrorBounds, JointCommand
 from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.trajectories import way_points
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
@@ -260,6 +261,23 @@ def test_without_limits_nothing_bounds_the_efforts_and_no_error_stops_the_motion
     of_pi = dynamic(limits_of(rotation=math.pi))
     for angle in (1.0, 3.0, math.pi):
         assert np.isfinite(of_pi.tick(DT, HOME, STILL, displaced(0.0, angle)).command.effort).all()
+
+
+def test_the_tip_brakes_hardly_more_than_it_may_where_an_error_is_undone():
+    random, motion = generator(991), MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0)
+    gains = {"k_Pp": 3600.0, "k_Vp": 120.0, "k_Po": 7200.0, "k_Vo": 120.0}
+    scheme = dynamic(EffortLimits(UR5.limits, RATE, motion=motion), **gains)
+    goal, plant, braking = pose_of(UR5, HOME), Plant(), np.zeros(2)
+    plant.q = HOME + 0.1 * random.uniform(-1, 1, 6)
+    for step in range(500):
+        tick = scheme.tick(DT, plant.q, plant.dq, goal)
+        ddq = plant.acceleration(plant.q, plant.dq, tick.command.effort)
+        a = np.reshape(plant.tip_acceleration(plant.q, plant.dq, ddq), (2, 3))
+        if step > 100:  # it is under way
+            braking = np.maximum(braking, np.linalg.norm(a, axis=1))
+        plant.step(tick.command.effort)
+    assert (braking > 0.95 * np.array(motion.accelerations)).all()
+    assert (braking < 1.25 * np.array(motion.accelerations)).all()
 
 
 # --- the rate of the efforts ---------------------------------------------------------------
