@@ -196,6 +196,21 @@ def test_after_a_jump_of_the_stamps_the_tip_brakes_along_its_path_within_the_lim
     assert (np.linalg.norm(p[-1] - goal.p_d) < 1e-6) == (event == "aim")
 
 
+@pytest.mark.parametrize("gap", [0.02, 0.05, 0.09])
+@pytest.mark.parametrize("feedback", ["internal", "measured"])
+def test_after_a_gap_positions_step_by_three_periods_and_the_motion_waits(gap, feedback):
+    arm, goal = on_its_way(feedback=feedback)
+    command, desired = arm.step(), arm.controller.guidance.tick_now.desired
+    after = arm.step(gap)
+    most = 3.001 * DT * np.abs([command.dq, after.dq]).max(axis=0)
+    assert (np.abs(after.q - command.q) <= most + RELATIVE).all()
+    went = arm.controller.guidance.tick_now.desired.p_d - desired.p_d
+    assert np.linalg.norm(went) <= 3.01 * DT * np.linalg.norm(desired.dp_d)
+    arm.run(1.0)
+    last = arm.controller.guidance.tick_now.desired
+    np.testing.assert_allclose(last.p_d, goal.p_d, atol=1e-9)  # later, but all of it
+
+
 # --- gaps -----------------------------------------------------------------------------------
 
 

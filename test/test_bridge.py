@@ -46,6 +46,26 @@ def message(**fields: Any) -> JointState:
     return JointState(name=list(UR5.joints), **fields)
 
 
+def test_two_controllers_that_send_are_both_refused_and_named_until_one_is_killed(world):
+    peer = world.peer
+    robot = world.start(NAME, {"rate": 100.0})
+    nodes = [world.create_node(name) for name in ("first", "second")]
+    goals = [node.create_publisher(JointState, "joint_reference", 10) for node in nodes]
+    here = message(position=HOME.tolist(), velocity=[0.0] * 6)
+
+    def send(count: int) -> None:
+        for goal in goals[:count]:
+            goal.publish(here)
+
+    peer.status(NAME, lambda s: s.message == "commanded", lambda: send(1))
+    named = "publishers are /first, /second; "
+    status = peer.status(NAME, lambda s: named in s.message, lambda: send(2))
+    assert status.level == b"\x02"
+    nodes[1].destroy_node()
+    peer.status(NAME, lambda s: s.message == "commanded", lambda: send(1))
+    assert robot.exit_code is None
+
+
 def test_a_signal_brakes_the_moving_robot_and_ends_it_with_exit_code_0(graph):
     states = graph.peer.listen(JointState, "joint_states")
     commands = graph.peer.publisher(JointState, "joint_reference")

@@ -406,6 +406,15 @@ def test_a_stream_of_every_tick_is_slowed_like_all_else(rate):
     assert norm(motion.v[700:900]) <= rate * 0.25 + 1e-9
 
 
+def test_a_motion_beyond_limits_that_were_lowered_can_always_brake():
+    scale = TimeScale(MotionLimits(0.5, 1.0, 0.2, 4.0, 20.0, 80.0))
+    circling = moved(twist=0.27)._replace(ddp_d=np.array([0.0, 0.9, 0.0]))
+    for _ in range(1500):
+        scale.advance(0.002)
+        scale.paced(0.002, 0.0, circling, lambda _: circling)
+    assert scale.now == 0
+
+
 def test_a_set_point_that_accelerates_does_not_lead_beyond_the_speed_limit_if_there_is_one():
     a, T = 0.5, 0.45
     points = [

@@ -420,6 +420,16 @@ def test_a_set_point_whose_twist_leads_far_away_is_refused_wherever_it_ends(acce
         running.orders.follow(SetPoint(spinning, 0.1), None)
 
 
+def test_a_simulation_that_begins_anew_is_believed_when_it_goes_on_steadily():
+    running, _, _, _, now = following(clik(limits=UR5.limits), now=50.0)
+    q = HOME + 0.2
+    answers = [running.step(k * MS, q, STILL, now + k * DT) for k in range(1, 300)]
+    assert answers[0] is None
+    assert answers[-1] is not None
+    np.testing.assert_allclose(answers[-1].q, q, atol=HELD)
+    assert answers.count(None) <= 1000 * TIMEOUT + 1
+
+
 def test_an_arm_at_rest_with_noisy_speeds_and_coarse_encoders_is_believed():
     running, random = Controller(dynamic_control(), CHECKED, HOME), generator(602)
     for step in range(10_000):
