@@ -4,6 +4,7 @@ import math
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -196,6 +197,7 @@ def test_after_a_jump_of_the_stamps_the_tip_brakes_along_its_path_within_the_lim
     assert (np.linalg.norm(p[-1] - goal.p_d) < 1e-6) == (event == "aim")
 
 
+# --- gaps -----------------------------------------------------------------------------------
 @pytest.mark.parametrize("gap", [0.02, 0.05, 0.09])
 @pytest.mark.parametrize("feedback", ["internal", "measured"])
 def test_after_a_gap_positions_step_by_three_periods_and_the_motion_waits(gap, feedback):
@@ -209,9 +211,6 @@ def test_after_a_gap_positions_step_by_three_periods_and_the_motion_waits(gap, f
     arm.run(1.0)
     last = arm.controller.guidance.tick_now.desired
     np.testing.assert_allclose(last.p_d, goal.p_d, atol=1e-9)  # later, but all of it
-
-
-# --- gaps -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -350,6 +349,15 @@ def test_the_remedy_of_a_rate_that_is_too_low_helps():
     arm.controller.scheme.replace_law(fast(100.0).law)  # a gain is judged when it is changed
     arm.step()
     assert arm.controller.why.cause is Cause.RATE_TOO_LOW
+
+
+def test_jitter_about_the_bound_does_not_toggle_the_verdict():
+    arm, random = Driver(fast(), HOME, period=0.0105), generator(701)
+    verdicts = []
+    for _ in range(2000):
+        arm.step(0.0105 * random.uniform(0.7, 1.3))
+        verdicts.append(arm.controller.supervisor.rate.is_too_low)
+    assert sum(before != after for before, after in pairwise(verdicts)) <= 1
 
 
 @pytest.mark.parametrize("is_simulated", [False, True])

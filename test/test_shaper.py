@@ -399,6 +399,23 @@ def test_what_was_sent_before_or_while_time_stood_still_moves_nothing_after_it(r
     assert norm(motion.p[:999] - HERE.p_d) < (0.01 if at < 1 else 1e-9)
 
 
+@pytest.mark.parametrize(("rate", "is_still"), [(0.0025, False), (0.0015, True), (0.0, True)])
+def test_what_begins_while_time_goes_at_less_than_2_in_1000_begins_from_rest(rate, is_still):
+    """That is no jump: the tip stops from 0.5 mm/s at most, for which 1 m/s^2 take half a tick."""
+    shaper, t = Shaper(HERE, LIMITS), 0
+    shaper.follow(SetPoint(moved(twist=0.25), 5.0), 0)
+    for k in range(1000):
+        t = k * 1_000_000
+        shaper.wait(round((1.0 - rate) * 1e6) if k > 800 else 0)
+        shaper.sample(t)
+    assert np.linalg.norm(shaper.last.dp_d) == pytest.approx(0.25)  # as planned
+    shaper.follow(Goal(moved(0.3)), None)
+    shaper.wait(round((1.0 - rate) * 1e6))
+    shaper.sample(t + 1_000_000)
+    assert shaper.restarts == is_still
+    assert np.linalg.norm(shaper.last.dp_d) == pytest.approx(0.0 if is_still else 0.25, abs=1e-3)
+
+
 @pytest.mark.parametrize("rate", [0.0, 0.3])
 def test_a_stream_of_every_tick_is_slowed_like_all_else(rate):
     events = [(k / RATE, sent(SetPoint(moved(0.2 * k / RATE, twist=0.2), 0.1))) for k in range(900)]
