@@ -197,6 +197,15 @@ def test_after_a_jump_of_the_stamps_the_tip_brakes_along_its_path_within_the_lim
     assert (np.linalg.norm(p[-1] - goal.p_d) < 1e-6) == (event == "aim")
 
 
+def test_the_motion_goes_on_as_it_was_where_the_stamps_alone_go_on_by_a_little():
+    arm, goal = on_its_way()
+    arm.step(stamps=0.05)
+    arm.run(1.0)
+    assert np.abs(np.diff(arm.commands, 2, axis=0)).max() <= ACCELERATION * DT**2
+    last = arm.controller.guidance.tick_now.desired
+    np.testing.assert_allclose(last.p_d, goal.p_d, atol=1e-9)
+
+
 # --- gaps -----------------------------------------------------------------------------------
 @pytest.mark.parametrize("gap", [0.02, 0.05, 0.09])
 @pytest.mark.parametrize("feedback", ["internal", "measured"])

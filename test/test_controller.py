@@ -414,6 +414,24 @@ def test_an_arm_is_at_rest_when_its_joints_were_measured_to_be():
         assert running.acting.is_at_rest == rests
 
 
+@pytest.mark.parametrize("scheme", [clik, dynamic_control])
+def test_references_that_are_refused_do_not_move_an_arm_that_is_held(scheme):
+    sag = np.array([0.0, 1e-3, 1e-3, 0.0, 0.0, 0.0])  # the arm gives way a little
+    held = []
+    for asks in (False, True):
+        running = Controller(scheme(), ControllerOptions(), HOME)
+        running.step(T_0, HOME, STILL)
+        running.orders.halt()
+        held.append([running.step(T_0 + MS, HOME, STILL)])
+        for step in range(2, 50):
+            held[-1].append(running.step(T_0 + step * MS, HOME + sag, STILL))
+            if asks:
+                with pytest.raises(InvalidMessageError):
+                    running.orders.follow(SetPoint(moved(0.3, 1.0), 0.1), None)
+    for left, asked in zip(*held, strict=True):
+        np.testing.assert_equal(asked, left)
+
+
 def test_a_reference_is_compared_with_where_an_arm_that_is_held_has_come_to():
     running, _, t = moving_controller()
     running.orders.halt()

@@ -138,6 +138,15 @@ def test_each_event_leads_from_each_mode_to_the_one_of_the_table(mode, after):
     assert driving.TRANSITIONS.keys() == set(driving.DriveMode)
 
 
+@pytest.mark.parametrize("mode", MODES)
+def test_there_are_words_for_each_mode_whatever_the_cause(mode):
+    words = DriveWords("ready", "joint_effort", 0.1)
+    for cause in Cause:
+        level, message, _ = words.describe(driving.DriveStatus(mode, cause, names=("/a", "/b")))
+        assert level in (OK, WARN, ERROR)
+        assert message
+
+
 # --- wrong commands --------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("control", "fields", "words"),  # the others: test_messages

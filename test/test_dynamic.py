@@ -42,6 +42,7 @@ from eulerparams_control.laws.hold import JointHold
 from eulerparams_control.laws.inverse import DampedInverse, smallest_singular_value
 from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.orientation import ORIENTATIONS
+from eulerparams_control.laws.rotations import angle_between, exp
 from eulerparams_control.laws.scheme import ErrorBounds, JointCommand
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import MotionLimits
@@ -568,6 +569,22 @@ def test_efforts_begin_at_what_acts_and_ramp_each_at_its_rate(reported, gravity)
     assert np.isclose(steps, most).any()
 
 
+def test_a_limit_of_acceleration_leaves_the_efforts_against_a_disturbance():
+    plant, dt, disturbance = Plant(), 1e-3, np.array([0.0, 3.0, 3.0, 1.0, 1.0, 1.0])
+    joints = replace(UR5.limits, acceleration=np.full(6, 5.0))  # of 1 Nm the wrist makes 58
+    scheme, home, plant.q = (
+        dynamic(limits_of(rate=1000.0, joints=joints)),
+        pose_of(UR5, HOME),
+        HOME.copy(),
+    )
+    for _ in range(1500):
+        effort = scheme.tick(dt, plant.q, plant.dq, home).command.effort
+        plant.step(effort + disturbance, dt)
+        assert np.abs(plant.dq).max() < 1.5  # it takes some 20 ms until that is known
+    assert np.abs(plant.dq).max() < 1e-3
+    assert angle_between(pose_of(UR5, plant.q).R_d, home.R_d) < 0.2
+
+
 def test_a_stop_under_efforts_keeps_the_acceleration_and_does_not_swing():
     plant, dt, a = Plant(), 1e-3, 5.0
     joints = replace(UR5.limits, acceleration=np.full(6, a))
@@ -609,6 +626,17 @@ def test_a_small_arm_is_damped_and_slowed_where_the_large_one_is(name):
         dq_s = DampedInverse(length=small.length)(J_s) @ v_s
         assert_close(dq_s, dq_l, 1e-7 * np.linalg.norm(dq_l))
     assert 20 < damped < 150
+
+
+@pytest.mark.parametrize(
+    "gains", [(40.0, 0.0, 40.0, 4.0), (0.0, 0.0, 40.0, 4.0), (4.0, 4.0, 40.0, 0.0)]
+)
+def test_a_loop_without_damping_asks_for_what_its_gains_say(gains):
+    law = ResolvedAcceleration(make("euler_parameters"), *gains)
+    arm = UR5.state(HOME, STILL)
+    desired = DesiredFrame(arm.p_e + [0.1, 0.0, 0.0], exp(np.array([0.0, 0.2, 0.0])) @ arm.R_e)
+    a, dp_de, x_de = law.acceleration(arm, desired, None)
+    assert_close(a, [*(gains[0] * dp_de), *(gains[2] * x_de.eps_de)], 1e-12)
 
 
 # --- too large an error --------------------------------------------------------------------
