@@ -13,6 +13,7 @@ import pytest
 from arms import HOME, STILL, UR5, Plant, displaced, pose_of, robot_named, robot_of
 from representations import every_representation, make
 from samples import about, generator
+from sensor_msgs.msg import JointState
 from tolerances import (
     ALGEBRAIC,
     ERROR_EQUATION,
@@ -44,6 +45,7 @@ from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.orientation import ORIENTATIONS
 from eulerparams_control.laws.rotations import angle_between, exp
 from eulerparams_control.laws.scheme import ErrorBounds, JointCommand
+from eulerparams_control.messages.from_ros import JointStateReader
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.trajectories import way_points
@@ -567,6 +569,22 @@ def test_efforts_begin_at_what_acts_and_ramp_each_at_its_rate(reported, gravity)
     steps, most = np.abs(np.diff(efforts, axis=0)), np.maximum(times, dt)[:, None] * rate
     assert (steps <= most + 1e-12).all()
     assert np.isclose(steps, most).any()
+
+
+def test_a_controller_begins_at_the_efforts_of_joint_states_where_they_can_be_used():
+    reader, msg = JointStateReader(UR5.joints), JointState(name=list(reversed(UR5.joints)))
+    msg.position, reported = HOME[::-1].tolist(), np.arange(6.0)
+    reader.from_ros(msg)
+    for given, start in (
+        (reported[::-1], reported),
+        ([], UR5.dynamic_state(HOME, STILL).g),
+        ([math.nan] * 6, UR5.dynamic_state(HOME, STILL).g),
+    ):
+        msg.effort = list(given)
+        efforts = reader.effort_from_ros(msg)
+        controller = Controller(dynamic(limits_of(rate=1000.0)), ControllerOptions(), HOME, efforts)
+        command = controller.step(1_000_000_000, HOME, STILL)
+        assert np.abs(command.effort - start).max() <= 1000.0 * 1e-3 + 1e-12
 
 
 def test_a_limit_of_acceleration_leaves_the_efforts_against_a_disturbance():
