@@ -578,6 +578,25 @@ def test_a_solid_is_an_implicit_spring_and_damper_that_never_pulls(damping):
     assert min(pressed, bounced) > 20
 
 
+@pytest.mark.parametrize(
+    ("shape", "friction"), [("sphere", 0.0), ("sphere", 0.3), ("sphere", 1.0), ("box", 0.3)]
+)
+def test_a_tool_that_slides_is_braked_by_friction_times_the_normal_force(shape, friction):
+    law, sim = on_a_plane("panda", shape, friction=friction)
+    along = np.array([0.8, 0.6, 0.0])
+    for k in range(600):
+        before = sim.read()
+        sim.command_effort(law.effort(before, law.p + 5e-5 * k * along, (0, 0, -20.0)))
+        sim.step()
+    _, R, v, omega = motion("panda", before)
+    force = R @ sim.read().wrench[:3]
+    slip = v + np.cross(omega, R @ sim.parameters.tool_position)
+    assert np.linalg.norm(slip[:2]) > 0.01
+    assert np.linalg.norm(force[:2]) == pytest.approx(friction * force[2], rel=5e-3, abs=FORMULA)
+    if friction:
+        assert -force[:2] @ slip[:2] > 0.95 * np.linalg.norm(force[:2]) * np.linalg.norm(slip[:2])
+
+
 @pytest.mark.parametrize("shape", ["sphere", "box"])
 def test_friction_holds_a_tool_that_is_pushed_less_than_it_can_bear(shape):
     hand = Push(force=(5.0, 3.0, 0.0), start=0.3)

@@ -376,6 +376,24 @@ def test_the_residual_of_a_run_is_what_its_force_and_moment_lack(tmp_path):
         measure("force_residual", replace(run, parameters={}))
 
 
+def test_what_is_about_the_desired_frame_turns_with_it(tmp_path):
+    R_d = R_angle_axis(math.pi / 2, np.array([0.0, 0.0, 1.0]))  # its x is y of the base
+    desired = DesiredFrame(P_D, R_d)
+    frame = DesiredFrame(P_D + [0.0, 0.01, 0.0], R_d @ exp(np.array([0.0, 0.4, 0.0])))
+    # along x, K_p 1000, and about y, K_o 10, of the desired frame, whose y is -x of the base
+    balance = [0.0, 10.0, 0.0, -10.0 * math.sin(0.4), 0.0, 0.0]
+    run = complying(tmp_path, [frame], [balance], translational_frame="desired")
+    assert run.compliant is not None
+    run = replace(run, compliant=replace(run.compliant, desired=Frames.of([desired])))
+    assert measure("force_residual", run) == pytest.approx(0.0, abs=EXACT)
+    assert measure("moment_residual", run) == pytest.approx(0.0, abs=EXACT)
+    assert measure("moment_axis_angle", run) == pytest.approx(0.0, abs=1e-6)
+    assert measure("apparent_stiffness", run) == pytest.approx(10 * math.sin(0.4) / 0.4)
+    assert measure("apparent_translational_stiffness", run) == pytest.approx(1000.0)
+    base = replace(run, parameters={NODE: IMPEDANCE})  # 500 N/m along y of the base
+    assert measure("force_residual", base) == pytest.approx(5.0)
+
+
 # --- the centre of compliance --------------------------------------------------------
 def test_force_and_moment_count_at_the_centre_of_compliance(tmp_path):
     # the centre is 0.5 m along the rod and 0.1 m along z beyond the tip; the rod rests at q = 0
