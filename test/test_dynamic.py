@@ -320,6 +320,31 @@ def towards(frame, duration=1.0):
     return way_points([duration], [frame[:2]])
 
 
+def test_the_rate_is_kept_through_a_change_of_law_a_hold_a_fault_and_a_new_reference():
+    rate, limits = 400.0, limits_of(rate=400.0, position=0.01, rotation=0.2)
+    run = Run(dynamic(limits))
+    run.steps(20)
+    run.controller.orders.follow(towards(displaced(0.15, 0.8), 0.6), None)
+    run.steps(250)
+    for name, gain in (("euler_angles", 900.0), ("angle_axis", 200.0)):
+        run.scheme.replace_law(law(name, gain, k_Pp=gain), InverseDynamics(), limits)
+        run.steps(60)
+    run.controller.orders.halt()  # in the middle of the motion
+    run.steps(600)
+    run.controller.orders.resume()
+    run.controller.orders.follow(towards(displaced(0.15, 0.8), 0.6), None)
+    run.steps(150)
+    run.steps(600, held=True)  # somebody holds the arm until the error is too large
+    assert "from the desired frame" in run.faults[-1]
+    run.steps(600)  # a fault is left by a reference after a pause
+    run.controller.orders.follow(towards(pose_of(UR5, HOME), 0.5), None)
+    run.steps(300)
+    assert run.faults[-1] == ""
+    fastest = assert_rate_is_kept(run.efforts, rate)
+    assert np.sum(fastest > 0.999 * rate) > 20  # it was a bound
+    assert run.controller.guidance.saturated > 0
+
+
 def test_a_smaller_limit_of_the_effort_is_approached_at_the_rate():
     scheme, goal = dynamic(limits_of(rate=500.0)), pose_of(UR5, HOME)
     last = scheme.tick(DT, HOME, STILL, goal).command.effort
