@@ -116,12 +116,10 @@ class Recording(RecordedRun):
         compliant: from compliant_frame; None if there is none.
         targets: from target_wrench; None if there is none.
         acting: from ~/impedance; None if there is none.
-        before: displacements, by representation, before the first instant of a later part of a run.
+        before: displacements, by representation, before the first instant that is looked at.
         began: [ns] stamp of the first joint_states of the recording.
-        share: of all states that are looked at, those of this part of a run.
         reports: of its nodes.
         shaped: from ~/desired; None if there is none.
-        others: what topics without a field here have, by their names.
     """
 
     measured: Series
@@ -133,10 +131,8 @@ class Recording(RecordedRun):
     acting: ActingImpedance | None = None
     before: Mapping[str, Any] = field(default_factory=dict, repr=False)
     began: int = 0
-    share: float = 1.0
     reports: Sequence[Report] = ()
     shaped: ShapedMotion | None = None
-    others: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     @cached_property
     def servo_lag(self) -> tuple[Array, Array]:

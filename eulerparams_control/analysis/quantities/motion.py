@@ -132,7 +132,7 @@ def singular_value(recording: Recording, of: str = "leading") -> Samples:
     return series.t, series.smallest_singular_value
 
 
-@metric("s", of_parts=sum)
+@metric("s")
 def saturated_time(recording: Recording, after: float = 0.0, before: float = math.inf) -> float:
     """Time with a commanded effort at its limit.
 
