@@ -12,9 +12,9 @@ import synthetic_runs as runs
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
-from eulerparams_control.analysis.loading import DesiredFrames, RecordedReferences, load
+from eulerparams_control.analysis.loading import DesiredFrames, load
 from eulerparams_control.analysis.series import Frames
-from eulerparams_control.analysis.topics import NO_START
+from eulerparams_control.analysis.topics import NO_START, RecordedReferences
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.columns import columns
 from eulerparams_control.bags.format import Topic

@@ -1,8 +1,8 @@
 """From a bag to a recording: each topic is read once into arrays."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from eulerparams_control.analysis.arm import Arm, Options
 from eulerparams_control.analysis.compliant import ActingImpedance, CompliantMotion, SensorSeries
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.reports import Reports, Told
+from eulerparams_control.analysis.reports import Told, began, told
 from eulerparams_control.analysis.series import (
     Efforts,
     Frames,
@@ -27,6 +27,7 @@ from eulerparams_control.analysis.topics import (
     NO_START,
     TIMED,
     Diagnostics,
+    RecordedReferences,
     RecordedTopic,
     Rows,
     SentReferences,
@@ -43,23 +44,6 @@ from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.robot import urdf_text
 
 _ANSWERED = 500_000_000  # [ns] within which the answers to a state are in the bag
-
-
-@dataclass(frozen=True)
-class RecordedReferences:
-    """K references in the order in which they were sent.
-
-    Attributes:
-        sent: (K,) [ns].
-        start: (K,) [ns] when they begin; ``NO_START`` is at the first tick after they were sent.
-        frames: the first frame of each; a set-point has no other.
-        trajectories: those that are no set-points, by place.
-    """
-
-    sent: Stamps
-    start: Stamps
-    frames: Frames = field(repr=False)
-    trajectories: Mapping[int, Trajectory] = field(repr=False)
 
 
 class DesiredFrames:
@@ -173,45 +157,36 @@ class _Reader:
             for name, kind in TIMED.items()
             if name in arm.topics
         }
-        self._sent: SentReferences | None = None
-        self._said: Diagnostics | None = None
-        if topic := arm.topics.get("reference"):
-            self._sent = self._topics["reference"] = SentReferences(bag, topic, arm.robot)
-        if topic := arm.topics.get("diagnostics"):
-            controller = arm.topics.get("desired", "").rpartition("/")[0]
-            self._said = Diagnostics(bag, topic, arm.namespace, arm.others, controller)
-        self._jumped = self._read()
-        self._rows = {name: topic.rows for name, topic in self._timed() if topic.rows is not None}
+        self._sent = SentReferences(bag, arm.topics.get("reference", ""), arm.robot)
+        self._diagnostics = Diagnostics(bag, arm.topics.get("diagnostics", ""), arm.others)
+        self._read()
+        self._jumped = self._topics["joint_states"].jump()
+        for topic in (*self._topics.values(), self._sent):
+            topic.settle(self._jumped)
+        self._said = [one for one in self._diagnostics.said if one[0] < self._jumped]
+        self._rows = {n: topic.rows for n, topic in self._topics.items() if topic.rows is not None}
         if "joint_states" not in self._rows:
             joints = ", ".join(arm.robot.joints)
             raise BagError(f"{bag.path}: no valid message of joint_states with the joints {joints}")
         self._states = self._rows["joint_states"]
 
-    def _read(self) -> int | None:
-        """Read the bag once, up to the end that is asked for; return when the clock jumped."""
+    @property
+    def _readers(self) -> dict[str, RecordedTopic | Diagnostics]:
+        """By the names that the topics have here."""
+        readers = {**self._topics, "reference": self._sent, "diagnostics": self._diagnostics}
+        return {name: reader for name, reader in readers.items() if name in self._arm.topics}
+
+    def _read(self) -> None:
+        """Read the bag once, up to the end that is asked for."""
         states = self._topics["joint_states"]
-        readers: dict[str, RecordedTopic | Diagnostics] = {**self._topics}
-        if self._said is not None:
-            readers["diagnostics"] = self._said
-        by_topic = {self._arm.topics[name]: reader for name, reader in readers.items()}
+        by_topic = {self._arm.topics[name]: reader for name, reader in self._readers.items()}
         for batch in self._bag.batches(by_topic):
             for topic, messages in batch.items():
                 by_topic[topic].add(messages)
             if states.latest > states.first + 1e9 * self._options.end + 2 * _ANSWERED:
                 break
-        for reader in self._topics.values():
+        for reader in (*self._topics.values(), self._sent):
             reader.finish()
-        jumped = states.jump()
-        for reader in self._topics.values():
-            reader.settle(jumped)
-        if self._said is not None and jumped is not None:
-            self._said.drop_after(jumped)
-        return jumped
-
-    def _timed(self) -> Iterator[tuple[str, RecordedTopic]]:
-        for name, topic in self._topics.items():
-            if topic is not self._sent:
-                yield name, topic
 
     def _times(self, stamps: Stamps) -> Array:
         """Return the times [s] from the beginning of the recording."""
@@ -219,9 +194,9 @@ class _Reader:
 
     def recording(self) -> Recording:
         """Return the recording of the time that is asked for."""
-        told, start, end = self._told(), self._options.start, self._options.end
+        reports, start, end = self._told(), self._options.start, self._options.end
         desired = self._desired_frames()
-        self._check(told, desired)
+        self._check(reports, desired)
         for name in ("joint_states", "joint_reference"):
             self._fill_velocities(name)
         own = np.unique(np.concatenate([rows.stamp for rows in self._rows.values()]))
@@ -229,7 +204,7 @@ class _Reader:
         if self._follows_desired:
             made = self._rows["desired"]
             frames = Frames(*made.values).at(made.stamp, own)
-        whole = self._recording(self._rows, own, frames, told)
+        whole = self._recording(self._rows, own, frames, reports)
         inside = {name: self._within(name) for name in self._rows}
         rows = {name: found for name, found in inside.items() if found is not None}
         if "joint_states" not in rows:
@@ -237,32 +212,21 @@ class _Reader:
         if all(rows.get(name) is found for name, found in self._rows.items()):
             return whole
         return replace(
-            self._recording(rows, own, frames, told), before=_displacements_at(whole, start)
+            self._recording(rows, own, frames, reports), before=_displacements_at(whole, start)
         )
 
     def _told(self) -> Told:
         """Return the reports of the nodes by the time of the run."""
-        reports = Reports() if self._said is None else self._said.reports
-        times, options = self._times(self._states.stamp), self._options
-        return reports.told(self._states.sent, times, options.start, options.end)
+        controller = self._arm.topics.get("desired", "").rpartition("/")[0].strip("/")
+        times, span = self._times(self._states.stamp), (self._options.start, self._options.end)
+        return told(self._said, controller, self._states.sent, times, *span)
 
     def _desired_frames(self) -> DesiredFrames:
         """Return the desired frames; references begin at the ticks of the controller."""
         commands = ("joint_reference", "joint_effort", "joint_states")
-        ticking = next(name for name in commands if name in self._topics)
-        ticks, none = self._rows.get(ticking), np.zeros(0, np.int64)
-        references = RecordedReferences(none, none, Frames.nowhere(0), {})
-        if self._sent is not None and self._sent.rows is not None:
-            times, start = self._sent.rows.sent, self._sent.rows.stamp
-            for stamp, news in ({} if self._said is None else self._said.began).items():
-                before = int(np.searchsorted(times, news, side="right"))
-                if before:
-                    start[before - 1] = stamp
-            places = ((np.flatnonzero(times == at), m) for at, m in self._sent.trajectories.items())
-            found = {k: motion for some, motion in places for k in some.tolist()}
-            references = RecordedReferences(times, start, Frames(*self._sent.rows.values), found)
-        stamp, sent = (none, none) if ticks is None else (ticks.stamp, ticks.sent)
-        return DesiredFrames(references, stamp, sent, self._arm.lasting(), self._pose)
+        ticks = self._rows.get(next(name for name in commands if name in self._topics), Rows.none())
+        references = self._sent.references(began(self._said, self._arm.namespace))
+        return DesiredFrames(references, ticks.stamp, ticks.sent, self._arm.lasting(), self._pose)
 
     def _pose(self, stamp: int) -> DesiredFrame:
         """Return the pose of the tip that was measured at a stamp, or last before."""
@@ -273,8 +237,7 @@ class _Reader:
     @property
     def _follows_desired(self) -> bool:
         """Whether only ~/desired tells the desired frame: no reference was recorded in the time."""
-        has_reference = self._sent is not None and bool(self._sent.rows)
-        return not has_reference and "desired" in self._rows
+        return not self._sent.rows and "desired" in self._rows
 
     def _check(self, told: Told, desired: DesiredFrames) -> None:
         """Warn if a topic ends before joint_states, or a trajectory may be late."""
@@ -282,7 +245,7 @@ class _Reader:
             text = "no reference was recorded: errors are those against ~/desired"
             self._arm.warn(BagFlaw.INCOMPLETE, text)
         last = self._states.stamp[-1]
-        for name, topic in self._timed():
+        for name, topic in self._topics.items():
             if topic.rows is None and topic.latest >= 0:
                 text = f"{name} has no stamp within those of joint_states"
                 self._arm.warn(BagFlaw.INCOMPLETE, text)
@@ -371,15 +334,13 @@ class _Reader:
             for one in sorted(faults.values())
         ]
         found = []
-        for name, topic in self._topics.items():
+        for name, topic in self._readers.items():
             if topic.invalid:
                 found.append(f"{topic.invalid} messages of {name} are not valid and left out")
             if topic.repeated:
                 found.append(f"{topic.repeated} messages of {name} have the stamp of another and "
                              "are left out")  # fmt: skip
-        if self._said is not None and self._said.invalid:
-            found.append(f"{self._said.invalid} messages of diagnostics are not valid and left out")
-        if self._jumped is not None:
+        if self._jumped < LATEST:
             end = f"{self._times(self._states.stamp)[-1]:.3f} s"
             found.append(f"the stamps of joint_states jump back at {end}: the rest is left out")
         left_out = (BagWarning(BagFlaw.LEFT_OUT, text) for text in found)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.analysis.reports import Reports
+from eulerparams_control.analysis.reports import namespace_of
 from eulerparams_control.analysis.series import Frames
 from eulerparams_control.bags.columns import Group, columns
 from eulerparams_control.bags.reader import Bag
@@ -15,7 +15,7 @@ from eulerparams_control.bags.scan import Messages, RawMessage
 from eulerparams_control.errors import BagError, InvalidMessageError
 from eulerparams_control.laws.rotations import Array, EulerParameters
 from eulerparams_control.messages.from_ros import QUATERNION_NORM_TOLERANCE, motion_from_ros
-from eulerparams_control.messages.keys import ACTING, BEGAN, IMPEDANCE, SPRINGS
+from eulerparams_control.messages.keys import ACTING, IMPEDANCE, SPRINGS
 from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.robot.robot import Robot
@@ -50,6 +50,11 @@ class Rows:
 
     def __len__(self) -> int:
         return len(self.stamp)
+
+    @classmethod
+    def none(cls) -> "Rows":
+        """Return no rows."""
+        return cls(np.zeros(0, np.int64), np.zeros(0, np.int64), ())
 
     def take(self, index: NDArray[Any]) -> "Rows":
         """Return some of them."""
@@ -263,22 +268,23 @@ class RecordedTopic:
 
     def finish(self) -> None:
         """Decode the rest, and join all in the order of sending."""
-        self._decode()
+        if self._data:
+            self._decode()
         if self._parts:
             stamp, sent, *values = map(np.concatenate, zip(*self._parts, strict=True))
             self._parts = []
             rows = Rows(stamp, sent, tuple(values)).take(np.argsort(sent, kind="stable"))
             self.rows = rows if len(rows) else None
 
-    def jump(self) -> int | None:
-        """Return when the message was sent [ns] at which the clock jumped back; None if never."""
+    def jump(self) -> int:
+        """Return when the message was sent [ns] at which the clock jumped back; else LATEST."""
         if self.rows is None:
-            return None
+            return LATEST
         latest = np.maximum.accumulate(np.append(-1, self.rows.stamp))[:-1]
         back = np.flatnonzero(self.rows.stamp < latest - _BACK)
-        return int(self.rows.sent[back[0]]) if len(back) else None
+        return int(self.rows.sent[back[0]]) if len(back) else LATEST
 
-    def settle(self, until: int | None) -> None:
+    def settle(self, until: int) -> None:
         """Put the rows in order, without those sent at a time [ns] or later.
 
         A robot that waits in lock-step sends a state again: that is no loss.
@@ -286,7 +292,7 @@ class RecordedTopic:
         if self.rows is None:
             return
         stamp, before = self.rows.stamp, np.ones(len(self.rows), dtype=bool)
-        if until is not None:  # after a restart others may speak before the states do
+        if until < LATEST:  # after a restart others may speak before the states do
             before = self.rows.sent < until
             before &= stamp >= np.maximum.accumulate(stamp) - _BACK
         kept = self.rows.take(before)
@@ -294,6 +300,23 @@ class RecordedTopic:
         self.rows = kept.take(first) if len(first) else None
         pairs = ((column, column[first[which]]) for column in kept.values)
         self.repeated = int(np.any([_differ(*pair) for pair in pairs], axis=0).sum())
+
+
+@dataclass(frozen=True)
+class RecordedReferences:
+    """K references in the order in which they were sent.
+
+    Attributes:
+        sent: (K,) [ns].
+        start: (K,) [ns] when they begin; ``NO_START`` is at the first tick after they were sent.
+        frames: the first frame of each; a set-point has no other.
+        trajectories: those that are no set-points, by place.
+    """
+
+    sent: Stamps
+    start: Stamps
+    frames: Frames = field(repr=False)
+    trajectories: Mapping[int, Trajectory] = field(repr=False)
 
 
 class SentReferences(RecordedTopic):
@@ -334,10 +357,27 @@ class SentReferences(RecordedTopic):
         times = np.array([start or NO_START]), np.array([sent])
         yield [*times, *Frames.of([motion.frames[0]]).columns]
 
-    def settle(self, until: int | None) -> None:
+    def settle(self, until: int) -> None:
         """Drop those sent at a time [ns] or later."""
-        if self.rows is not None and until is not None:
+        if self.rows is not None:
             self.rows = self.rows.take(self.rows.sent < until)
+
+    def references(self, began: Mapping[int, int]) -> RecordedReferences:
+        """Return all, given when the news were sent [ns] by the stamp at which one began."""
+        if self.rows is None:
+            none = Rows.none()
+            return RecordedReferences(none.sent, none.stamp, Frames.nowhere(0), {})
+        sent, start = self.rows.sent, self.rows.stamp.copy()
+        for stamp, news in began.items():
+            before = int(np.searchsorted(sent, news, side="right"))
+            if before:
+                start[before - 1] = stamp
+        found = {
+            k: motion
+            for at, motion in self.trajectories.items()
+            for k in np.flatnonzero(sent == at).tolist()
+        }
+        return RecordedReferences(sent, start, Frames(*self.rows.values), found)
 
 
 def _is_set_point(group: Group) -> bool:
@@ -355,28 +395,21 @@ def _later(group: Group) -> NDArray[np.bool_]:
 
 
 class Diagnostics:
-    """Reports of the nodes of an arm, and when references began.
+    """What the nodes of an arm said of themselves.
 
     Args:
         bag, topic: as of :class:`RecordedTopic`.
-        namespace: of the arm.
         others: namespaces of other arms in the bag.
-        controller: see :class:`Reports`.
 
     Attributes:
-        reports: of the nodes.
-        began: when the news were sent [ns], by the stamp [ns] at which a reference began.
-        invalid: how many messages were not valid.
+        said: when [ns] each DiagnosticStatus was sent, and the status.
+        invalid, repeated: as of :class:`RecordedTopic`.
     """
 
-    def __init__(
-        self, bag: Bag, topic: str, namespace: str, others: set[str], controller: str
-    ) -> None:
-        self._bag, self._topic = bag, topic
-        self._namespace, self._others = namespace, others
-        self.reports = Reports(controller)
-        self.began: dict[int, int] = {}
-        self.invalid = 0
+    def __init__(self, bag: Bag, topic: str, others: set[str]) -> None:
+        self._bag, self._topic, self._others = bag, topic, others
+        self.said: list[tuple[int, Any]] = []
+        self.invalid = self.repeated = 0
 
     def add(self, messages: Messages) -> None:
         """Take messages."""
@@ -388,28 +421,11 @@ class Diagnostics:
                 self.invalid += 1
                 continue
             for status in decoded.status:
-                of = f"/{status.name.lstrip('/')}".rpartition("/")[0]
-                if of == self._namespace:
-                    self._note(status, sent)
+                of = namespace_of(status)
                 if not any(_is_of(other, of) for other in self._others):
-                    self.reports.add(status, sent)
-
-    def _note(self, status: Any, sent: int) -> None:
-        for value in status.values:
-            if value.key == BEGAN and _is_stamp(value.value):
-                self.began.setdefault(int(value.value), sent)
-
-    def drop_after(self, until: int) -> None:
-        """Forget what was sent at a time [ns] or later."""
-        self.reports.drop_after(until)
-        self.began = {stamp: sent for stamp, sent in self.began.items() if sent < until}
+                    self.said.append((sent, status))
 
 
 def _is_of(arm: str, namespace: str) -> bool:
     """Return whether what is in a namespace is of an arm; one without has only what is in none."""
     return namespace == arm or (arm != "" and namespace.startswith(f"{arm}/"))
-
-
-def _is_stamp(text: str) -> bool:
-    """Return whether a text is a time [ns] as stamps have it."""
-    return text.isascii() and text.isdecimal() and len(text) <= 19 and int(text) < LATEST
