@@ -173,7 +173,11 @@ class _Reader:
     @property
     def _readers(self) -> dict[str, RecordedTopic | Diagnostics]:
         """By the names that the topics have here."""
-        readers = {**self._topics, "reference": self._sent, "diagnostics": self._diagnostics}
+        readers: dict[str, RecordedTopic | Diagnostics] = {
+            **self._topics,
+            "reference": self._sent,
+            "diagnostics": self._diagnostics,
+        }
         return {name: reader for name, reader in readers.items() if name in self._arm.topics}
 
     def _read(self) -> None:
@@ -297,9 +301,9 @@ class _Reader:
             at = desired.at(own, found.stamp)
             match name:
                 case "joint_states":
-                    fields["measured"] = Series(robot, t, *values, at)
+                    fields["measured"] = Series(robot, t, values[0], values[1], at)
                 case "joint_reference":
-                    fields["command"] = Series(robot, t, *values, at)
+                    fields["command"] = Series(robot, t, values[0], values[1], at)
                 case "joint_effort":
                     fields["effort"] = Efforts(t, *values)
                 case "wrench":

@@ -97,10 +97,9 @@ def told(
             with suppress(ValueError):
                 rates = values.get(PACE, 1), values.get(SLOWED, 1), values.get(SATURATED, 0)
                 ran.append((_time(at, sent, t), *map(float, rates)))
-        words = map(_short, (status.message, values.get(REMEDY, "")))
-        node, level = _short(status.name), _level(status.level)
-        report = Report(0.0, node, level, *words, _fault(values))
-        if report.message and last.get(node) != report:
+        node, message, remedy = map(_short, (status.name, status.message, values.get(REMEDY, "")))
+        report = Report(0.0, node, _level(status.level), message, remedy, _fault(values))
+        if message and last.get(node) != report:
             last[node] = report
             new.append(report._replace(t=_time(at, sent, t)))
     earlier = {report.node: report for report in sorted(new) if report.t < start}
