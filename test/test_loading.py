@@ -50,6 +50,12 @@ def test_only_the_time_that_is_asked_for_is_looked_at(bag):
         load(bag, start=9.0, end=10.0)
 
 
+def test_a_bag_is_read_no_farther_than_to_the_end_that_is_asked_for(tmp_path):
+    bag = runs.write_run(tmp_path / "run", [0.1] * 9000 + [math.nan])
+    assert "1 messages of joint_states are not valid" in load(bag).warning
+    assert load(bag, end=1.0).warning == ""
+
+
 def _references(
     sent: Sequence[int], motions: Sequence[SetPoint | Trajectory], starts: Sequence[int | None]
 ) -> RecordedReferences:
@@ -200,6 +206,16 @@ def test_samples_without_stamps_are_counted(tmp_path):
     q = [0.01 * k for k in range(30)]
     run = _changed(tmp_path, "/joint_states", lambda message, _k: _shifted(message, never), q)
     assert "29 messages of joint_states have the stamp of another" in load(run).warning
+
+
+def test_what_came_before_the_first_state_counts(tmp_path):
+    """The observer of the energy of a contact begins with the first wrench."""
+    late = _changed(
+        tmp_path, "/joint_states", lambda m, k: m if k else None, wrenches=[[1] * 6] * 30
+    )
+    run = load(late)
+    assert run.sensed is not None
+    assert run.sensed.t[:2].tolist() == [-0.01, 0.0]
 
 
 def test_a_state_that_is_sent_again_is_no_loss(tmp_path):

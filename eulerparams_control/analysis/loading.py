@@ -209,12 +209,13 @@ class _Reader:
             made = self._rows["desired"]
             frames = Frames(*made.values).at(made.stamp, own)
         whole = self._recording(self._rows, own, frames, reports)
+        states = self._within("joint_states")
+        if states is None:
+            raise BagError(f"{self._bag.path}: no joint_states from {start:g} to {end:g} s")
+        if states is self._states:
+            return whole
         inside = {name: self._within(name) for name in self._rows}
         rows = {name: found for name, found in inside.items() if found is not None}
-        if "joint_states" not in rows:
-            raise BagError(f"{self._bag.path}: no joint_states from {start:g} to {end:g} s")
-        if all(rows.get(name) is found for name, found in self._rows.items()):
-            return whole
         return replace(
             self._recording(rows, own, frames, reports), before=_displacements_at(whole, start)
         )

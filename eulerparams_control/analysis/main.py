@@ -12,7 +12,7 @@ from eulerparams_control.analysis.arm import namespaces
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.export import FORMATS, file_name, write_table
 from eulerparams_control.analysis.labels import labels
-from eulerparams_control.analysis.loading import load, read_urdf
+from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.table import terminal_tables
 from eulerparams_control.bags.format import BagFlaw
@@ -136,7 +136,7 @@ def _digest(bag: Bag, namespace: str, file: Path | None, options: argparse.Names
     """Return the digest of an arm of a bag, and write its table if there is to be one."""
     run = load(
         bag,
-        urdf=read_urdf(options.urdf) if options.urdf else "",
+        urdf=options.urdf or "",
         tip_frame=options.tip_frame,
         base_frame=options.base_frame,
         namespace=namespace,
