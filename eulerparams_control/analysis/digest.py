@@ -29,7 +29,7 @@ NEAR = math.radians(5)
 NEAR_SINGULAR = 0.05
 """Smallest singular value of J below which a plot is shaded, if no controller has its own."""
 
-_MOST = 50  # most intervals that are shaded: a noisy run may have very many
+_MOST_INTERVALS = 50  # most intervals that are shaded: a noisy run may have very many
 
 type Interval = tuple[float, float]
 """From, to [s]."""
@@ -78,13 +78,13 @@ def merged(intervals: Iterable[Interval]) -> list[Interval]:
             found[-1] = (found[-1][0], max(end, found[-1][1]))
         else:
             found.append((start, end))
-    return found[:_MOST]
+    return found[:_MOST_INTERVALS]
 
 
 def _intervals(t: Array, inside: NDArray[np.bool_]) -> list[Interval]:
     steps = np.flatnonzero(np.diff(np.concatenate(([False], inside, [False])).astype(int)))
     ends = zip(steps[::2], steps[1::2], strict=True)
-    return [(float(t[i]), float(t[j - 1])) for i, j in ends][:_MOST]
+    return [(float(t[i]), float(t[j - 1])) for i, j in ends][:_MOST_INTERVALS]
 
 
 def _computed(row: TableNumber, recording: Recording) -> float | None:

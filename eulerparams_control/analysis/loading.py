@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from eulerparams_control.analysis.arm import Arm, Options
 from eulerparams_control.analysis.compliant import ActingImpedance, CompliantMotion, SensorSeries
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.reports import Told, began, told
+from eulerparams_control.analysis.reports import RunReports, reference_starts, run_reports
 from eulerparams_control.analysis.series import (
     Efforts,
     Frames,
@@ -163,7 +163,7 @@ class _Reader:
         self._jumped = self._topics["joint_states"].jump()
         for topic in (*self._topics.values(), self._sent):
             topic.settle(self._jumped)
-        self._said = [one for one in self._diagnostics.said if one[0] < self._jumped]
+        self._statuses = [one for one in self._diagnostics.statuses if one[0] < self._jumped]
         self._rows = {n: topic.rows for n, topic in self._topics.items() if topic.rows is not None}
         if "joint_states" not in self._rows:
             joints = ", ".join(arm.robot.joints)
@@ -198,7 +198,7 @@ class _Reader:
 
     def recording(self) -> Recording:
         """Return the recording of the time that is asked for."""
-        reports, start, end = self._told(), self._options.start, self._options.end
+        reports, start, end = self._reports(), self._options.start, self._options.end
         desired = self._desired_frames()
         self._check(reports, desired)
         for name in ("joint_states", "joint_reference"):
@@ -220,17 +220,17 @@ class _Reader:
             self._recording(rows, own, frames, reports), before=_displacements_at(whole, start)
         )
 
-    def _told(self) -> Told:
+    def _reports(self) -> RunReports:
         """Return the reports of the nodes by the time of the run."""
         controller = self._arm.topics.get("desired", "").rpartition("/")[0].strip("/")
         times, span = self._times(self._states.stamp), (self._options.start, self._options.end)
-        return told(self._said, controller, self._states.sent, times, *span)
+        return run_reports(self._statuses, controller, self._states.sent, times, *span)
 
     def _desired_frames(self) -> DesiredFrames:
         """Return the desired frames; references begin at the ticks of the controller."""
         commands = ("joint_reference", "joint_effort", "joint_states")
         ticks = self._rows.get(next(name for name in commands if name in self._topics), Rows.none())
-        references = self._sent.references(began(self._said, self._arm.namespace))
+        references = self._sent.references(reference_starts(self._statuses, self._arm.namespace))
         return DesiredFrames(references, ticks.stamp, ticks.sent, self._arm.lasting(), self._pose)
 
     def _pose(self, stamp: int) -> DesiredFrame:
@@ -244,7 +244,7 @@ class _Reader:
         """Whether only ~/desired tells the desired frame: no reference was recorded in the time."""
         return not self._sent.rows and "desired" in self._rows
 
-    def _check(self, told: Told, desired: DesiredFrames) -> None:
+    def _check(self, reports: RunReports, desired: DesiredFrames) -> None:
         """Warn if a topic ends before joint_states, or a trajectory may be late."""
         if self._follows_desired:
             text = "no reference was recorded: errors are those against ~/desired"
@@ -261,11 +261,11 @@ class _Reader:
                     text = f"{name} ends at {end:.3f} s, joint_states at {of:.3f} s"
                     self._arm.warn(BagFlaw.INCOMPLETE, text)
         # where ~/desired was recorded, it is known by how much
-        is_late = told.delayed < math.inf and desired.knows_trajectories
+        is_late = reports.delayed < math.inf and desired.knows_trajectories
         if is_late and "desired" not in self._topics:
             self._arm.warn(
                 BagFlaw.DELAY,
-                f"a motion that is slowed down or has to wait, first at {told.delayed:.3f}"
+                f"a motion that is slowed down or has to wait, first at {reports.delayed:.3f}"
                 " s, is compared with what was sent: from then on errors may be too large",
             )
 
@@ -292,7 +292,7 @@ class _Reader:
         return found if inside.all() else found.take(inside) if inside.any() else None
 
     def _recording(
-        self, rows: Mapping[str, Rows], own: Stamps, desired: Frames, told: Told
+        self, rows: Mapping[str, Rows], own: Stamps, desired: Frames, reports: RunReports
     ) -> Recording:
         """Return the recording of some rows, given the desired frames at the stamps of all."""
         fields: dict[str, Any] = {}
@@ -317,23 +317,23 @@ class _Reader:
                     fields["compliant"] = CompliantMotion(t, Frames(*values), at)
                 case "desired":
                     asked = Frames.nowhere(len(t)) if self._follows_desired else at
-                    fields["shaped"] = ShapedMotion(t, asked, Frames(*values), told.rates)
+                    fields["shaped"] = ShapedMotion(t, asked, Frames(*values), reports.rates)
         return Recording(
             self._bag.path,
             robot,
             self._arm.parameters,
-            self._warnings(told, fields.get("shaped")),
+            self._warnings(reports, fields.get("shaped")),
             urdf=self._arm.urdf,
             namespace=self._arm.namespace,
             options=self._arm.orientation,
             began=int(self._states.stamp[0]),
-            reports=told.reports,
+            reports=reports.reports,
             **fields,
         )
 
-    def _warnings(self, told: Told, shaped: ShapedMotion | None) -> tuple[BagWarning, ...]:
+    def _warnings(self, reports: RunReports, shaped: ShapedMotion | None) -> tuple[BagWarning, ...]:
         """Return what is wrong with the bag, as far as it was read."""
-        faults = {one.node: one for one in reversed(told.reports) if one.fault}
+        faults = {one.node: one for one in reversed(reports.reports) if one.fault}
         stops = [
             BagWarning(BagFlaw.STOPPED, f"{one.node} stopped the arm at {one.t:.3f} s: {one.fault}")
             for one in sorted(faults.values())

@@ -24,12 +24,12 @@ from eulerparams_control.messages.keys import (
 LEVELS = ("ok", "warning", "error", "stale")
 """The names of the levels of diagnostic_msgs/DiagnosticStatus."""
 
-_MOST = 50  # reports of a node that are shown, first and last each; its errors count apart
+_MOST_SHOWN = 50  # reports of a node that are shown, first and last each; its errors count apart
 _LONGEST = 400  # characters of a text
 
 # Modes in which an arm is stopped, the last one of a simulated robot; causes that are no fault.
 _STOPS = Mode.STOPPED, Mode.RELEASING, "stopping"
-_TOLD = "", Cause.HALT, Cause.DEACTIVATED, Cause.NO_STATES
+_NO_FAULT = "", Cause.HALT, Cause.DEACTIVATED, Cause.NO_STATES
 
 
 class Report(NamedTuple):
@@ -52,7 +52,7 @@ class Report(NamedTuple):
     fault: str = ""
 
 
-class Told(NamedTuple):
+class RunReports(NamedTuple):
     """The reports of a run.
 
     Attributes:
@@ -67,17 +67,17 @@ class Told(NamedTuple):
     delayed: float
 
 
-type Said = Sequence[tuple[int, Any]]
+type Statuses = Sequence[tuple[int, Any]]
 """When [ns] each DiagnosticStatus was sent, and the status."""
 
 
-def told(
-    said: Said, controller: str, sent: NDArray[np.int64], t: Array, start: float, end: float
-) -> Told:
+def run_reports(
+    statuses: Statuses, controller: str, sent: NDArray[np.int64], t: Array, start: float, end: float
+) -> RunReports:
     """Return the reports by the times of the run; those that repeat the last one are left out.
 
     Args:
-        said: by the nodes.
+        statuses: of the nodes.
         controller: the node whose rates of time are kept; "" is none.
         sent: (N,) [ns] when the states were sent.
         t: (N,) [s] their times.
@@ -89,7 +89,7 @@ def told(
     start = start if start > 0 else -math.inf
     last: dict[str, Report] = {}
     new, ran, waits = [], [], math.inf
-    for at, status in said:
+    for at, status in statuses:
         values = {value.key: value.value for value in status.values}
         if _waits(values):
             waits = min(waits, at)
@@ -105,22 +105,22 @@ def told(
     earlier = {report.node: report for report in sorted(new) if report.t < start}
     inside = [report for report in sorted(new) if start <= report.t <= end]
     speeds = np.array(sorted(ran), dtype=float).reshape(-1, 4)
-    return Told(
+    return RunReports(
         sorted(earlier.values()) + inside,
         speeds[(speeds[:, 0] >= start) & (speeds[:, 0] <= end)],
         _time(int(waits), sent, t) if waits <= sent[-1] else math.inf,
     )
 
 
-def began(said: Said, namespace: str) -> dict[int, int]:
-    """Return when the news were sent [ns], by the stamp [ns] at which a reference began.
+def reference_starts(statuses: Statuses, namespace: str) -> dict[int, int]:
+    """Return when the status was sent [ns], by the stamp [ns] at which a reference began.
 
     Args:
-        said: by the nodes.
+        statuses: of the nodes.
         namespace: of the arm whose references they are.
     """
     found: dict[int, int] = {}
-    for sent, status in said:
+    for sent, status in statuses:
         for value in status.values if namespace_of(status) == namespace else ():
             if value.key == BEGAN and _is_stamp(value.value):
                 found.setdefault(int(value.value), sent)
@@ -137,7 +137,7 @@ def shown(reports: Iterable[Report]) -> list[Report]:
     groups: dict[tuple[str, bool], list[Report]] = {}
     for report in reports:
         groups.setdefault((report.node, report.level in ("ok", "warning")), []).append(report)
-    parts = (some[:_MOST] + some[_MOST:][-_MOST:] for some in groups.values())
+    parts = (some[:_MOST_SHOWN] + some[_MOST_SHOWN:][-_MOST_SHOWN:] for some in groups.values())
     return sorted((report for part in parts for report in part), key=lambda one: one.t)
 
 
@@ -158,7 +158,7 @@ def _waits(values: Mapping[str, str]) -> bool:
 def _fault(values: Mapping[str, str]) -> str:
     """Return the cause for which a node stopped the arm; "" if it did not, or was told to."""
     cause = _short(values.get(CAUSE, ""))
-    return cause if values.get(MODE) in _STOPS and cause not in _TOLD else ""
+    return cause if values.get(MODE) in _STOPS and cause not in _NO_FAULT else ""
 
 
 def _short(text: str) -> str:

@@ -362,14 +362,18 @@ class SentReferences(RecordedTopic):
         if self.rows is not None:
             self.rows = self.rows.take(self.rows.sent < until)
 
-    def references(self, began: Mapping[int, int]) -> RecordedReferences:
-        """Return all, given when the news were sent [ns] by the stamp at which one began."""
+    def references(self, starts: Mapping[int, int]) -> RecordedReferences:
+        """Return all of them.
+
+        Args:
+            starts: see ``reference_starts``.
+        """
         if self.rows is None:
             none = Rows.none()
             return RecordedReferences(none.sent, none.stamp, Frames.nowhere(0), {})
         sent, start = self.rows.sent, self.rows.stamp.copy()
-        for stamp, news in began.items():
-            before = int(np.searchsorted(sent, news, side="right"))
+        for stamp, reported in starts.items():
+            before = int(np.searchsorted(sent, reported, side="right"))
             if before:
                 start[before - 1] = stamp
         found = {
@@ -395,20 +399,20 @@ def _later(group: Group) -> NDArray[np.bool_]:
 
 
 class Diagnostics:
-    """What the nodes of an arm said of themselves.
+    """The statuses of the nodes of an arm.
 
     Args:
         bag, topic: as of :class:`RecordedTopic`.
         others: namespaces of other arms in the bag.
 
     Attributes:
-        said: when [ns] each DiagnosticStatus was sent, and the status.
+        statuses: when [ns] each DiagnosticStatus was sent, and the status.
         invalid, repeated: as of :class:`RecordedTopic`.
     """
 
     def __init__(self, bag: Bag, topic: str, others: set[str]) -> None:
         self._bag, self._topic, self._others = bag, topic, others
-        self.said: list[tuple[int, Any]] = []
+        self.statuses: list[tuple[int, Any]] = []
         self.invalid = self.repeated = 0
 
     def add(self, messages: Messages) -> None:
@@ -423,7 +427,7 @@ class Diagnostics:
             for status in decoded.status:
                 of = namespace_of(status)
                 if not any(_is_of(other, of) for other in self._others):
-                    self.said.append((sent, status))
+                    self.statuses.append((sent, status))
 
 
 def _is_of(arm: str, namespace: str) -> bool:

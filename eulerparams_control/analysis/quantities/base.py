@@ -337,7 +337,7 @@ def needed(recording: Recording, name: str) -> Any:
     return value
 
 
-def told[P: ControlParameters](recording: Recording, kind: type[P]) -> P:
+def controller_parameters[P: ControlParameters](recording: Recording, kind: type[P]) -> P:
     """Return the parameters of the controller; raises BagError if none of that kind ran."""
     found = recorded(recording.parameters, kind)
     if found is None:

@@ -23,6 +23,7 @@ from eulerparams_control.analysis.quantities.base import (
     Samples,
     along,
     compared,
+    controller_parameters,
     drawn,
     known,
     mean_at_end,
@@ -31,7 +32,6 @@ from eulerparams_control.analysis.quantities.base import (
     quotient,
     reduced,
     row,
-    told,
     within,
 )
 from eulerparams_control.analysis.quantities.contact import GROUP, lengths
@@ -153,7 +153,7 @@ def force_residual(recording: Recording, after: float = 0.0, before: float = mat
     that was recorded; without dead band and low-pass it is rounding.  While a force is exerted
     (52) is not the law: those instants are left out.
     """
-    run, parameters = _impedance(recording), told(recording, ImpedanceParameters)
+    run, parameters = _impedance(recording), controller_parameters(recording, ImpedanceParameters)
     with parameters_to_blame(parameters.scheme.name):
         Z, _ = impedances(run.motion.t, parameters, recording.acting)
     left = translational_residual(run.motion, run.f, Z, parameters.translational_frame)
@@ -169,7 +169,7 @@ def moment_residual(recording: Recording, after: float = 0.0, before: float = ma
     accelerations of the compliant frame that was recorded; without dead band and low-pass it is
     rounding, however the desired frame turns.
     """
-    run, parameters = _impedance(recording), told(recording, ImpedanceParameters)
+    run, parameters = _impedance(recording), controller_parameters(recording, ImpedanceParameters)
     if (used := parameters.orientation) != "euler_parameters":
         raise BagError(f"{recording.path}: (59) is of euler_parameters, not {used}")
     with parameters_to_blame(parameters.scheme.name):
