@@ -473,7 +473,7 @@ def test_the_centre_of_compliance_can_be_in_another_link(tmp_path):
     told = {"compliance_frame": "sensor", "compliance_offset": [0.0, 0.1, 0.0]}
     run = complying(tmp_path, FRAMES[:1], [[0.0, 0.0, 5.0, 0.0, 0.0, 0.0]], **told)
     assert run.impedance is not None
-    assert_close(run.impedance.motion.p_c[0], [0.8, 0.0, 0.1])
+    assert_close(run.impedance.motion.frames.p[0], [0.8, 0.0, 0.1])
     # -(-0.2, 0, 0.1) x (0, 0, 5) = -(0, 1, 0)
     assert_close(run.impedance.mu[0], [0.0, -1.0, 0.0])
     wrong = replace(run, parameters={NODE: IMPEDANCE | {"compliance_frame": "base"}})

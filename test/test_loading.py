@@ -248,7 +248,7 @@ def test_velocities_that_are_missing_are_differences(tmp_path, velocity):
     topics = {"/joint_states": "sensor_msgs/msg/JointState"}
     bag = runs.write_messages(tmp_path / "run", topics, messages)
     run = load(bag, urdf=runs.URDF, tip_frame="tip")
-    np.testing.assert_allclose(run.measured.joint_speed, 2.0, rtol=1e-6)
+    np.testing.assert_allclose(run.measured.dq[:, 0], 2.0, rtol=1e-6)
     assert "joint_states lacks velocities" in run.warning
 
 

@@ -205,7 +205,9 @@ def _track(recording: Recording) -> Track:
     wrench = recording.contact
     nothing = np.full((len(t), 3), np.nan)
     f, mu = wrench.at(t) if wrench is not None else (nothing, nothing)
-    compliant = recording.compliant_frames(measured)
+    compliant = Frames.nowhere(len(measured.t))
+    if recording.compliant is not None:
+        compliant = recording.compliant.at(measured.t)
     return Track(
         t,
         measured.q[chosen],

@@ -28,7 +28,7 @@ from eulerparams_control.analysis.compliant import (
 )
 from eulerparams_control.analysis.controllers import options_of, parameters_to_blame, recorded
 from eulerparams_control.analysis.reports import Report
-from eulerparams_control.analysis.series import Efforts, Frames, Series, ShapedMotion, comparable
+from eulerparams_control.analysis.series import Efforts, Series, ShapedMotion
 from eulerparams_control.bags.format import BagWarning, in_words
 from eulerparams_control.errors import BagError, RobotError
 from eulerparams_control.laws.force_control import ForceOptions
@@ -134,21 +134,6 @@ class Recording(RecordedRun):
     reports: Sequence[Report] = ()
     shaped: ShapedMotion | None = None
 
-    @cached_property
-    def servo_lag(self) -> tuple[Array, Array]:
-        """Times (M,) [s], largest angle (M,) [rad] of a joint between command and measurement.
-
-        Of the joints that turn; of the others [m] if none does.
-
-        At the stamps that both have; empty without a command.
-        """
-        if self.command is None:
-            return np.zeros(0), np.zeros(0)
-        t, i, j = np.intersect1d(self.command.t, self.measured.t, return_indices=True)
-        joints = comparable(self.robot)
-        lag = np.abs(self.command.q[i] - self.measured.q[j])[:, joints]
-        return t, lag.max(axis=1, initial=0.0)
-
     @property
     def leading(self) -> Series:
         """The motion that the controller answers for: joint_reference, else the measured one."""
@@ -247,12 +232,6 @@ class Recording(RecordedRun):
         f_d[~counts] = np.nan
         return PressedForce(wrench.t, -on * in_axes(R, wrench.f), on * f_d, R, on)
 
-    def compliant_frames(self, series: Series) -> Frames:
-        """Return the compliant frame at each instant of a series, none where there is none."""
-        if self.compliant is None:
-            return Frames.nowhere(len(series.t))
-        return self.compliant.at(series.t)
-
     @cached_property
     def known(self) -> NDArray[np.intp]:
         """(M,) places of the leading series at which there is a desired frame."""
@@ -300,7 +279,7 @@ class Recording(RecordedRun):
     @cached_property
     def pole_distance(self) -> Array:
         """(N,) [rad] angle to the pole of ``sequence``, of the leading series."""
-        return self.leading.pole_distance(self.sequence)
+        return self.sequence.pole_distance(self.leading.R_e)
 
     def parameter(self, name: str, default: Any = None) -> Any:
         """Return the parameter of that name of the first node that has it."""

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.laws.inverse import sigma_min
-from eulerparams_control.laws.orientation import EulerSequence
 from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.motion import frames as formulas
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement
@@ -153,12 +152,6 @@ class Efforts(NamedTuple):
     t: Array
     tau: Array
 
-    @property
-    def largest(self) -> Array:
-        """(N,) [Nm or N] largest absolute effort of a joint."""
-        largest: Array = np.abs(self.tau).max(axis=1)
-        return largest
-
 
 def comparable(robot: Robot) -> NDArray[np.bool_]:
     """Return which joints (n,) have values of one unit: those that turn, all if none does."""
@@ -230,24 +223,9 @@ class Series:
             return angle_between(frames.R, self.R_e)
 
     @cached_property
-    def turns(self) -> Array:
-        """(N - 1,) [rad] angles between successive orientations of the tip."""
-        return angle_between(self.R_e[:-1], self.R_e[1:])
-
-    @cached_property
-    def joint_speed(self) -> Array:
-        """(N,) [rad/s] largest absolute velocity of a joint that turns; [m/s] if none does."""
-        speed: Array = np.abs(self.dq[:, comparable(self.robot)]).max(axis=1)
-        return speed
-
-    @cached_property
     def smallest_singular_value(self) -> Array:
         """(N,) smallest singular value of J: distance to the kinematic singularities.
 
         Its rows for the position are divided by the characteristic length of the arm.
         """
         return np.array([sigma_min(J, self.robot.length) for J in self.kinematics.J])
-
-    def pole_distance(self, sequence: EulerSequence) -> Array:
-        """Return (N,) [rad] the angle of the tip to the pole of a sequence of Euler angles."""
-        return sequence.pole_distance(self.R_e)

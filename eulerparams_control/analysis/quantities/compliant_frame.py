@@ -71,7 +71,7 @@ def displacement(recording: Recording) -> Samples:
 def compliant_speed(recording: Recording) -> Samples:
     """Return the speed [mm/s] of the compliant frame."""
     compliant: CompliantMotion = needed(recording, "compliant")
-    return compliant.t, 1e3 * compliant.speed
+    return compliant.t, 1e3 * np.linalg.norm(compliant.frames.dp, axis=1)
 
 
 @metric("deg")
@@ -141,7 +141,7 @@ def guided_distance(recording: Recording, axis: Axis = (), before: float = math.
     With an axis, in the base frame, its component.
     """
     compliant: CompliantMotion = needed(recording, "compliant")
-    p_c = compliant.p_c[within(compliant.t, 0.0, before)]
+    p_c = compliant.frames.p[within(compliant.t, 0.0, before)]
     return 1e3 * float(along(p_c[-1] - p_c[0], axis))
 
 
