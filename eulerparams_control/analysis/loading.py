@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -37,13 +36,14 @@ from eulerparams_control.bags.format import BagFlaw, BagWarning
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.errors import BagError, ConfigurationError
 from eulerparams_control.laws.compiled import sample
-from eulerparams_control.laws.orientation import OrientationRepresentation
+from eulerparams_control.laws.orientation import OrientationRepresentation, representation
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.robot import urdf_text
 
 _ANSWERED = 500_000_000  # [ns] within which the answers to a state are in the bag
+_BLOCK = 20_000  # samples of which the kinematics are computed at once before the span
 
 
 class DesiredFrames:
@@ -208,17 +208,31 @@ class _Reader:
         if self._follows_desired:
             made = self._rows["desired"]
             frames = Frames(*made.values).at(made.stamp, own)
-        whole = self._recording(self._rows, own, frames, reports)
         states = self._within("joint_states")
         if states is None:
             raise BagError(f"{self._bag.path}: no joint_states from {start:g} to {end:g} s")
         if states is self._states:
-            return whole
+            return self._recording(self._rows, own, frames, reports, {})
         inside = {name: self._within(name) for name in self._rows}
         rows = {name: found for name, found in inside.items() if found is not None}
-        return replace(
-            self._recording(rows, own, frames, reports), before=_displacements_at(whole, start)
-        )
+        return self._recording(rows, own, frames, reports, self._displacements_before(own, frames))
+
+    def _displacements_before(self, own: Stamps, frames: Frames) -> dict[str, Any]:
+        """Return the last displacements before the time that is asked for: signs follow them."""
+        leading = self._rows.get("joint_reference", self._states)
+        earlier = leading.take(self._times(leading.stamp) < self._options.start)
+        desired, (q, dq) = frames.at(own, earlier.stamp), earlier.values
+        known = np.flatnonzero(desired.known)
+        before: dict[str, Any] = {}
+        for first in range(0, len(known), _BLOCK):
+            some = known[first : first + _BLOCK]
+            with np.errstate(over="ignore", invalid="ignore"):  # a run that diverged
+                R_d, R_e = desired.R[some], self._arm.robot.states(q[some], dq[some]).R_e
+                for name in OrientationRepresentation.registry:
+                    orientation = representation(name, self._arm.orientation)
+                    x_de = orientation.displacement(R_d, R_e, before.get(name))
+                    before[name] = sample(x_de, -1)
+        return before
 
     def _reports(self) -> RunReports:
         """Return the reports of the nodes by the time of the run."""
@@ -292,7 +306,12 @@ class _Reader:
         return found if inside.all() else found.take(inside) if inside.any() else None
 
     def _recording(
-        self, rows: Mapping[str, Rows], own: Stamps, desired: Frames, reports: RunReports
+        self,
+        rows: Mapping[str, Rows],
+        own: Stamps,
+        desired: Frames,
+        reports: RunReports,
+        before: Mapping[str, Any],
     ) -> Recording:
         """Return the recording of some rows, given the desired frames at the stamps of all."""
         fields: dict[str, Any] = {}
@@ -326,6 +345,7 @@ class _Reader:
             urdf=self._arm.urdf,
             namespace=self._arm.namespace,
             options=self._arm.orientation,
+            before=before,
             began=int(self._states.stamp[0]),
             reports=reports.reports,
             **fields,
@@ -356,17 +376,6 @@ class _Reader:
             words += f"; {' and '.join(sent)} led the arm, too, but do not count here"
         differs = [BagWarning(BagFlaw.SHAPED, words)] if words else []
         return *stops, *self._bag.warnings, *left_out, *self._arm.flaws, *differs
-
-
-def _displacements_at(recording: Recording, end: float) -> dict[str, Any]:
-    """Return the last displacements before an instant [s]: the signs after it follow."""
-    known = int(np.searchsorted(recording.leading.t[recording.known], end))
-    if not known:
-        return {}
-    return {
-        name: sample(recording.displacements(name), known - 1)
-        for name in OrientationRepresentation.registry
-    }
 
 
 def read_urdf(path: str) -> str:
