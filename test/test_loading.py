@@ -12,6 +12,7 @@ import synthetic_runs as runs
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
+from eulerparams_control.analysis import loading
 from eulerparams_control.analysis.loading import DesiredFrames, load
 from eulerparams_control.analysis.series import Frames
 from eulerparams_control.analysis.topics import NO_START, RecordedReferences
@@ -252,9 +253,11 @@ def test_velocities_that_are_missing_are_differences(tmp_path, velocity):
     assert "joint_states lacks velocities" in run.warning
 
 
-@pytest.mark.parametrize("start", [0.55, 1.0, 2.49])
-def test_the_sign_of_the_quaternion_is_that_from_the_start(tmp_path, start):
+@pytest.mark.parametrize("block", [37, 20_000])
+@pytest.mark.parametrize("start", [0.55, 1.0, 3.49])
+def test_the_sign_of_the_quaternion_is_that_from_the_start(tmp_path, start, block, monkeypatch):
     """Turned beyond pi, with the sign that never flips, eta is negative: V_1 > 2."""
+    monkeypatch.setattr(loading, "_BLOCK", block)
     q = [0.011 * k for k in range(400)]
     node = NODE | {"quaternion_sign": "continuous"}
     path = runs.write_run(tmp_path / "run", q, q, parameters=node)
