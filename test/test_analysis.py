@@ -195,7 +195,6 @@ def test_efforts_are_read_by_joint_name_at_the_stamps_that_they_answer(dynamic):
     assert dynamic.effort is not None
     assert dynamic.effort.t.tolist() == dynamic.measured.t.tolist()
     assert dynamic.effort.tau.tolist() == [[tau, 0.5] for tau in EFFORTS]
-    assert dynamic.effort.largest.tolist() == [3.0, 10.0, 10.0, 7.0]
     assert dynamic.command is None
     assert dynamic.leading is dynamic.measured
     assert dynamic.measured.orientation_error.tolist() == pytest.approx([0.0, 0.3, 0.5, 0.2])

@@ -3,7 +3,6 @@
 import math
 import re
 from collections.abc import Callable
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,8 +15,7 @@ from tolerances import assert_close
 
 from eulerparams_control import analysis
 from eulerparams_control.analysis import Digest
-from eulerparams_control.analysis.export import Export, file_name
-from eulerparams_control.analysis.loading import blocks
+from eulerparams_control.analysis.export import file_name
 from eulerparams_control.analysis.main import main
 from eulerparams_control.laws.rotations import exp
 from eulerparams_control.motion.frames import DesiredFrame
@@ -65,39 +63,6 @@ def test_the_export_is_the_table(bag, tmp_path, analyze, suffix):
     assert expected["q.hinge [rad]"].tolist() == Q
     for name in ("error_rotation_vector.y [deg]", "lyapunov", "force [N]", "p_cd_d.z [mm]"):
         assert np.isfinite(expected[name]).any()
-
-
-def test_a_table_written_in_parts_is_that_of_the_whole(bag, tmp_path):
-    with closing(Export(tmp_path / "parts.csv")) as export:
-        for part in blocks(bag, size=60):
-            export.add(part)
-    with closing(Export(tmp_path / "whole.csv")) as export:
-        export.add(analysis.load(bag))
-    parts, whole = ((tmp_path / f"{n}.csv").read_text().splitlines() for n in ("parts", "whole"))
-    assert len(whole) == len(Q) + 1
-    assert [line.split(",")[0] for line in parts] == [line.split(",")[0] for line in whole]
-    rates = re.compile("lyapunov_rate.as_measured")
-    here = [i for i, name in enumerate(whole[0].split(",")) if rates.search(name)]
-    for one, other in zip(parts[1:], whole[1:], strict=True):
-        cells = zip(one.split(","), other.split(","), strict=True)
-        assert all(a == b for i, (a, b) in enumerate(cells) if i not in here)
-
-
-def test_the_digest_of_parts_has_the_numbers_of_the_whole(bag):
-    whole = Digest.of(analysis.load(bag))
-    parts = Digest.of_parts(blocks(bag, size=70))
-    for one, other in zip(parts.numbers, whole.numbers, strict=True):
-        assert one == (None if other is None else pytest.approx(other, rel=1e-12, abs=1e-15))
-    assert (parts.start, parts.end, parts.approach) == (whole.start, whole.end, whole.approach)
-    assert parts.near_pole == whole.near_pole
-    assert parts.curves.keys() == whole.curves.keys()
-    for name, highest in whole.highest.items():
-        assert parts.highest[name] == pytest.approx(highest, rel=1e-9), name
-        (t, y), (t_whole, y_whole) = parts.curves[name][0], whole.curves[name][0]
-        assert np.nanmax(y) == pytest.approx(np.nanmax(y_whole), rel=1e-9, abs=1e-12)
-        assert (t[0], t[-1]) == (t_whole[0], t_whole[-1])
-        assert np.all(np.diff(t) >= 0)
-    assert np.all(np.diff(parts.track.t) >= 0)
 
 
 def test_near_a_kinematic_singularity_is_where_the_controller_damps(tmp_path):

@@ -1,6 +1,5 @@
-"""Bags are read in parts of bounded memory, and the parts are the whole."""
+"""From bags to recordings: the time that is looked at, references, and what is left out."""
 
-import itertools
 import math
 import struct
 from collections.abc import Sequence
@@ -13,11 +12,10 @@ import synthetic_runs as runs
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
-from eulerparams_control.analysis import topics
-from eulerparams_control.analysis.arm import Options
-from eulerparams_control.analysis.loading import DesiredFrames, RecordedReferences, blocks, load
+from eulerparams_control.analysis import loading
+from eulerparams_control.analysis.loading import DesiredFrames, load
 from eulerparams_control.analysis.series import Frames
-from eulerparams_control.analysis.topics import NO_START
+from eulerparams_control.analysis.topics import NO_START, RecordedReferences
 from eulerparams_control.bags import Bag, BagWriter
 from eulerparams_control.bags.columns import columns
 from eulerparams_control.bags.format import Topic
@@ -43,49 +41,20 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
 
 
-def on_the_disk(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let short columns be on the disk, decoded and searched in small steps."""
-    for name, value in {"_IN_MEMORY": 64, "_STRIDE": 16, "_BATCH": 32}.items():
-        monkeypatch.setattr(topics, name, value)
-
-
-@pytest.mark.parametrize("is_long", [False, True])
-@pytest.mark.parametrize("size", [1, 7, 50, 399, 400, 1000])
-def test_the_parts_of_a_run_are_the_run(bag, size, is_long, monkeypatch):
-    whole = load(bag)
-    if is_long:
-        on_the_disk(monkeypatch)
-    parts = list(blocks(bag, size=max(size, 2)))
-    assert len(parts) > 1 or size > 350
-    for part, after in itertools.pairwise(parts):
-        assert part.measured.t[-1] == after.measured.t[0]  # they share a sample
-    for of in (
-        lambda run: (run.measured.t, run.measured.q),
-        lambda run: (run.leading.t, run.leading.desired.p),
-        lambda run: (run.compliant.t, run.compliant.frames.p),
-        lambda run: (run.compliant.t, run.compliant.desired.R),
-        lambda run: (run.leading.t[run.known], run.displacements("euler_parameters").error),
-        lambda run: (run.wrench.t, run.wrench.f),
-    ):
-        pieces: dict[float, np.ndarray] = {}
-        for part in parts:
-            pieces |= dict(zip(of(part)[0].tolist(), of(part)[1], strict=True))
-        t, values = of(whole)
-        assert sorted(pieces) == t.tolist()
-        np.testing.assert_array_equal([pieces[instant] for instant in t.tolist()], values)
-
-
 def test_only_the_time_that_is_asked_for_is_looked_at(bag):
     run, whole = load(bag, start=1.0, end=2.0), load(bag)
     assert run.measured.t[[0, -1]].tolist() == [1.0, 2.0]
     assert run.compliant is not None
     assert run.compliant.t[[0, -1]].tolist() == [1.0, 2.0]
     np.testing.assert_array_equal(run.leading.desired.p, whole.leading.desired.p[100:201])
-    parts = list(blocks(bag, Options(start=1.0, end=2.0), size=30))
-    assert parts[0].measured.t[0] == 1.0
-    assert parts[-1].measured.t[-1] == 2.0
     with pytest.raises(BagError, match="no joint_states from 9 to 10 s"):
         load(bag, start=9.0, end=10.0)
+
+
+def test_a_bag_is_read_no_farther_than_to_the_end_that_is_asked_for(tmp_path):
+    bag = runs.write_run(tmp_path / "run", [0.1] * 9000 + [math.nan])
+    assert "1 messages of joint_states are not valid" in load(bag).warning
+    assert load(bag, end=1.0).warning == ""
 
 
 def _references(
@@ -94,7 +63,7 @@ def _references(
     frames = Frames.of([motion.frames[0] for motion in motions])
     found = {k: motion for k, motion in enumerate(motions) if isinstance(motion, Trajectory)}
     begin = np.array([NO_START if start is None else start for start in starts], dtype=int)
-    return RecordedReferences(np.array(sent), begin, frames.take, found)
+    return RecordedReferences(np.array(sent), begin, frames, found)
 
 
 def _frame(seed: int) -> DesiredFrame:
@@ -110,9 +79,8 @@ LATER = (None, None, None, 205_000_000, 250_000_001, None, 700_000_000)
 
 
 @pytest.mark.parametrize("starts", [(None,) * 7, LATER])
-@pytest.mark.parametrize("split", [0, 37, 61, 100])
-def test_references_are_followed_as_controllers_follow_them(split, starts):
-    """Set-points, trajectories at once and later, and set-points again; asked for in two parts."""
+def test_references_are_followed_as_controllers_follow_them(starts):
+    """Set-points, trajectories at once and later, and set-points again."""
     lasting, period = 0.05, 10_000_000
     sent = [-5, 25_000_000, 25_000_001, 55_000_000, 300_000_000, 620_000_000, 640_000_000]
     motions: list[SetPoint | Trajectory] = [
@@ -134,9 +102,7 @@ def test_references_are_followed_as_controllers_follow_them(split, starts):
         expected.append(motion.sample(tick) if motion else None)
     references = _references(sent, motions, starts)
     desired = DesiredFrames(references, ticks, ticks, lasting, lambda stamp: HELD)
-    found = [desired.at(part).columns for part in (ticks[:split], ticks[split:])]
-    both = Frames(*map(np.concatenate, zip(*found, strict=True)))
-    for one, other in zip(both.columns, Frames.of(expected).columns, strict=True):
+    for one, other in zip(desired.at(ticks).columns, Frames.of(expected).columns, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-10)
 
 
@@ -212,8 +178,7 @@ def _changed(folder: Path, topic: str, change: Any, q: Any = (0.1,) * 30, **opti
     return runs.rewritten(source, folder / "run", change, topic=topic)
 
 
-@pytest.mark.parametrize("size", [0, 30])
-def test_where_the_clock_jumps_back_the_run_ends_and_it_is_said(tmp_path, size):
+def test_where_the_clock_jumps_back_the_run_ends_and_it_is_said(tmp_path):
     """A simulator that restarts after 1 s sends earlier stamps again, the wrench first."""
     sent: dict[str, int] = {}
 
@@ -229,13 +194,12 @@ def test_where_the_clock_jumps_back_the_run_ends_and_it_is_said(tmp_path, size):
     q, wrenches = [0.1] * 100 + [1.0] * 100, [[k] * 6 for k in range(200)]
     source = runs.write_run(tmp_path / "source", q, wrenches=wrenches)
     messages = map(restart, Bag(source).read_raw())
-    run = runs.write_messages(tmp_path / "run", runs.topics_of(source), list(messages))
-    parts = list(blocks(run, size=size))
-    assert sum(len(part.measured.t) - 1 for part in parts) + 1 == 100
-    assert min(part.sensed[0].min() for part in parts) == 0.0
-    assert max(part.leading.orientation_error.max() for part in parts) == pytest.approx(0.1)
-    words = "the stamps of joint_states jump back at 0.990 s: the rest is left out"
-    assert words in parts[-1].warning
+    run = load(runs.write_messages(tmp_path / "run", runs.topics_of(source), list(messages)))
+    assert run.sensed is not None
+    assert len(run.measured.t) == 100
+    assert run.sensed.t.min() == 0.0
+    assert run.leading.orientation_error.max() == pytest.approx(0.1)
+    assert "stamps of joint_states jump back at 0.990 s: the rest is left out" in run.warning
 
 
 def test_samples_without_stamps_are_counted(tmp_path):
@@ -245,8 +209,17 @@ def test_samples_without_stamps_are_counted(tmp_path):
     assert "29 messages of joint_states have the stamp of another" in load(run).warning
 
 
-def test_a_state_that_is_sent_again_is_no_loss(tmp_path, monkeypatch):
-    on_the_disk(monkeypatch)
+def test_what_came_before_the_first_state_counts(tmp_path):
+    """The observer of the energy of a contact begins with the first wrench."""
+    late = _changed(
+        tmp_path, "/joint_states", lambda m, k: m if k else None, wrenches=[[1] * 6] * 30
+    )
+    run = load(late)
+    assert run.sensed is not None
+    assert run.sensed.t[:2].tolist() == [-0.01, 0.0]
+
+
+def test_a_state_that_is_sent_again_is_no_loss(tmp_path):
     q = [0.01 * k for k in range(50)]
     source = runs.write_run(tmp_path / "source", q)
     twice = [message for message in Bag(source).read_raw() for _ in range(2)]
@@ -276,25 +249,24 @@ def test_velocities_that_are_missing_are_differences(tmp_path, velocity):
     topics = {"/joint_states": "sensor_msgs/msg/JointState"}
     bag = runs.write_messages(tmp_path / "run", topics, messages)
     run = load(bag, urdf=runs.URDF, tip_frame="tip")
-    np.testing.assert_allclose(run.measured.joint_speed, 2.0, rtol=1e-6)
+    np.testing.assert_allclose(run.measured.dq[:, 0], 2.0, rtol=1e-6)
     assert "joint_states lacks velocities" in run.warning
 
 
-@pytest.mark.parametrize("start", [0.55, 1.0, 2.49])
-def test_the_sign_of_the_quaternion_is_that_from_the_start(tmp_path, start):
+@pytest.mark.parametrize("block", [37, 20_000])
+@pytest.mark.parametrize("start", [0.55, 1.0, 3.49])
+def test_the_sign_of_the_quaternion_is_that_from_the_start(tmp_path, start, block, monkeypatch):
     """Turned beyond pi, with the sign that never flips, eta is negative: V_1 > 2."""
+    monkeypatch.setattr(loading, "_BLOCK", block)
     q = [0.011 * k for k in range(400)]
     node = NODE | {"quaternion_sign": "continuous"}
     path = runs.write_run(tmp_path / "run", q, q, parameters=node)
     whole = load(path).lyapunov
     assert whole is not None
-    for options in ({"size": 0}, {"size": 37}):
-        parts = list(blocks(path, Options(start=start), **options))
-        V = np.concatenate([part.lyapunov.V for part in parts if part.lyapunov])
-        t = np.concatenate([part.lyapunov.t for part in parts if part.lyapunov])
-        at = np.searchsorted(whole.t, t)
-        np.testing.assert_allclose(V, whole.V[at], rtol=1e-12)
-        assert V.max() > 2.5
+    late = load(path, start=start).lyapunov
+    assert late is not None
+    np.testing.assert_allclose(late.V, whole.V[whole.t >= start], rtol=1e-12)
+    assert late.V.max() > 2.5
 
 
 def test_the_news_of_one_arm_do_not_move_the_reference_of_the_other(tmp_path):

@@ -19,9 +19,8 @@ from synthetic_runs import (
     write_run,
 )
 
-from eulerparams_control.analysis.arm import Options
 from eulerparams_control.analysis.digest import Digest
-from eulerparams_control.analysis.loading import blocks, load
+from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.bags import Bag
 from eulerparams_control.bags.format import BagFlaw
@@ -98,17 +97,15 @@ def test_the_first_fault_of_each_node_that_stopped_the_arm_is_the_first_warning(
         "pybullet_bridge stopped the arm at 0.200 s: acceleration",
         "clik stopped the arm at 0.300 s: not_following",
     ]
-    for size in (0, 30):
-        digest = Digest.of_parts(blocks(write_story(tmp_path / str(size), story), size=size))
-        found = [warning for warning in digest.warnings if warning.kind is BagFlaw.STOPPED]
-        assert [warning.text for warning in found] == stops
-        assert digest.warning.startswith("; ".join(stops))
+    run = load(write_story(tmp_path, story))
+    found = [warning for warning in run.warnings if warning.kind is BagFlaw.STOPPED]
+    assert [warning.text for warning in found] == stops
+    assert run.warning.startswith("; ".join(stops))
 
 
-@pytest.mark.parametrize("size", [0, 2, 7, 20, 30, 99])
 @pytest.mark.parametrize("late", ["", "clik", "fault_injector"])
-def test_each_change_is_told_once_with_its_time_and_what_to_do(tmp_path, size, late):
-    digest = Digest.of_parts(blocks(write_story(tmp_path, STORY, late=late), size=size))
+def test_each_change_is_told_once_with_its_time_and_what_to_do(tmp_path, late):
+    digest = Digest.of(load(write_story(tmp_path, STORY, late=late)))
     assert list(digest.reports) == told(NEW)
 
 
@@ -155,7 +152,6 @@ def test_the_page_tells_it_as_text_if_there_is_anything(tmp_path):
 SLOW = {"mode": "following", "pace": "0.98", "frozen": "0"}
 
 
-@pytest.mark.parametrize("size", [0, 7])
 @pytest.mark.parametrize("trajectory", [True, False])
 @pytest.mark.parametrize(
     ("keys", "delays"),
@@ -168,16 +164,16 @@ SLOW = {"mode": "following", "pace": "0.98", "frozen": "0"}
     ],
 )
 def test_a_trajectory_that_comes_later_than_it_was_sent_to_be_is_a_warning_once(
-    tmp_path, size, keys, delays, trajectory
+    tmp_path, keys, delays, trajectory
 ):
     story = [*STORY[:2], (0.25, "clik", WARN, "slow", keys), STORY[-1], (0.9, *STORY[-1][1:])]
     story.insert(-1, (0.8, "clik", WARN, "slow", keys))
     path = write_story(tmp_path, story, lasting=0.5 if trajectory else 0.0)
     for start in (0.0, 0.5):  # it is late from then on
-        digest = Digest.of_parts(blocks(path, Options(start=start), size=size))
+        run = load(path, start=start)
         warns = delays and trajectory
-        assert digest.warning.count("has to wait, first at 0.250 s") == warns
-        assert ("wait" in digest.warning) == warns
+        assert run.warning.count("has to wait, first at 0.250 s") == warns
+        assert ("wait" in run.warning) == warns
 
 
 # --- what was made of a reference ------------------------------------------------------------
@@ -215,7 +211,6 @@ def write_made(
     return write_messages(folder / "run", topics, messages)
 
 
-@pytest.mark.parametrize("size", [0, 15, 30])
 @pytest.mark.parametrize(
     ("rate", "part", "words"),
     [
@@ -224,8 +219,8 @@ def write_made(
         (1.0, 0.5, ""),
     ],
 )
-def test_what_was_made_of_a_reference_is_compared_with_it(tmp_path, rate, part, words, size):
-    digest = Digest.of_parts(blocks(write_made(tmp_path, rate, part), size=size))
+def test_what_was_made_of_a_reference_is_compared_with_it(tmp_path, rate, part, words):
+    digest = Digest.of(load(write_made(tmp_path, rate, part)))
     assert [one.kind for one in digest.warnings] == [BagFlaw.SHAPED] * (words is not None)
     if words is not None:
         s = np.arange(0.0, 1.0, 0.05)  # so much of its time had gone by at the samples
@@ -247,11 +242,10 @@ def test_what_was_made_of_a_reference_is_compared_with_it(tmp_path, rate, part, 
         assert (curve.t[0], set(curve.y.tolist())) == (pytest.approx(0.2), {value})
 
 
-@pytest.mark.parametrize("size", [0, 15, 30])
-def test_without_a_reference_errors_are_those_against_what_was_made(tmp_path, size):
+def test_without_a_reference_errors_are_those_against_what_was_made(tmp_path):
     made = write_made(tmp_path, 1.0, 0.5)
     bag = rewritten(made, tmp_path / "other", lambda *_: None, topic="/reference")
-    digest = Digest.of_parts(blocks(bag, Options(tip_frame="tip"), size=size))
+    digest = Digest.of(load(bag, tip_frame="tip"))
     assert [one.kind for one in digest.warnings] == [BagFlaw.INCOMPLETE]
     assert "errors are those against ~/desired" in digest.warning
     (error,) = digest.curves["position_error"]

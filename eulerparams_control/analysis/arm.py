@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from eulerparams_control.analysis.controllers import options_of, recorded
-from eulerparams_control.analysis.topics import JointStates, RecordedTopic
+from eulerparams_control.analysis.topics import TYPES
 from eulerparams_control.bags.columns import have_same_fields
 from eulerparams_control.bags.format import BagFlaw, BagWarning
 from eulerparams_control.bags.reader import Bag
@@ -25,11 +25,7 @@ from eulerparams_control.parameters.efforts import require_size
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
 
-TYPES = {name: kind.type for name, kind in RecordedTopic.registry.items()}
 _DESCRIPTION = "robot_description"
-TYPES[_DESCRIPTION] = "std_msgs/msg/String"
-"""Topics that are read of a bag, by their names in sec. 4 of the design, with their types."""
-
 _SHARED = ("diagnostics", "robot_description")  # one may be for all arms
 _OF_A_NODE = "desired", "impedance"  # below the name of a controller: which of two, is not known
 
@@ -180,7 +176,7 @@ class Arm:
         Raises:
             BagError: of one that was named, or that nothing can be done without.
         """
-        needed = {JointStates.name, *self._options.names}
+        needed = {"joint_states", *self._options.names}
         if self._options.urdf:
             self.topics.pop(_DESCRIPTION, None)
         else:

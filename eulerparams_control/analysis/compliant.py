@@ -189,18 +189,6 @@ class CompliantMotion:
             return self
         return CompliantMotion(self.t, self.frames.carrying(point), self.desired.carrying(point))
 
-    @property
-    def p_c(self) -> Array:
-        """(N, 3) [m] origin of the compliant frame."""
-        return self.frames.p
-
-    @cached_property
-    def speed(self) -> Array:
-        """(N,) [m/s] of its origin."""
-        with np.errstate(over="ignore"):  # a run that diverged
-            speed: Array = np.linalg.norm(self.frames.dp, axis=1)
-        return speed
-
     @cached_property
     def p_cd_d(self) -> Array:
         """(N, 3) [m] displacement from the desired frame, in its axes."""

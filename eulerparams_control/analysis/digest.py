@@ -29,7 +29,7 @@ NEAR = math.radians(5)
 NEAR_SINGULAR = 0.05
 """Smallest singular value of J below which a plot is shaded, if no controller has its own."""
 
-_MOST = 50  # most intervals that are shaded: a noisy run may have very many
+_MOST_INTERVALS = 50  # most intervals that are shaded: a noisy run may have very many
 
 type Interval = tuple[float, float]
 """From, to [s]."""
@@ -78,27 +78,17 @@ def merged(intervals: Iterable[Interval]) -> list[Interval]:
             found[-1] = (found[-1][0], max(end, found[-1][1]))
         else:
             found.append((start, end))
-    return found[:_MOST]
+    return found[:_MOST_INTERVALS]
 
 
 def _intervals(t: Array, inside: NDArray[np.bool_]) -> list[Interval]:
     steps = np.flatnonzero(np.diff(np.concatenate(([False], inside, [False])).astype(int)))
-    return [(float(t[i]), float(t[j - 1])) for i, j in zip(steps[::2], steps[1::2], strict=True)]
-
-
-def values(recording: Recording) -> list[float | None]:
-    """Return the numbers of the table of a run, None where it has none."""
-    return [_computed(row, recording) for row in NUMBERS]
-
-
-def together(parts: Sequence[Sequence[float | None]]) -> list[float | None]:
-    """Return the numbers of a run from those of its parts, in their order."""
-    columns = [[x for x in column if x is not None] for column in zip(*parts, strict=True)]
-    rows = zip(NUMBERS, columns, strict=True)
-    return [get_metric(row.metric).of_parts(known) if known else None for row, known in rows]
+    ends = zip(steps[::2], steps[1::2], strict=True)
+    return [(float(t[i]), float(t[j - 1])) for i, j in ends][:_MOST_INTERVALS]
 
 
 def _computed(row: TableNumber, recording: Recording) -> float | None:
+    """Return a number of the table; None if the run has none."""
     if row.needs and getattr(recording, row.needs) is None:
         return None
     try:
@@ -180,91 +170,44 @@ class Digest(RecordedRun):
 
     @classmethod
     def of(cls, recording: Recording) -> "Digest":
-        """Return the digest of a run that is in memory."""
-        return cls.of_parts([recording])
-
-    @classmethod
-    def of_parts(cls, parts: Iterable[Recording]) -> "Digest":
-        """Return the digest of a run that comes in parts, at least one; it keeps little of them."""
-        made = _Making()
-        for part in parts:
-            made.add(part)
-        return made.digest()
-
-
-class _Making:
-    """A digest while the parts of the run come."""
-
-    def __init__(self) -> None:
-        self._curves: dict[str, list[list[Curve]]] = {}
-        self._highest: dict[str, float] = {}
-        self._numbers: list[list[float | None]] = []
-        self._tracks: list[Track] = []
-        self._approaches: list[Approach] = []
-        self._poles: list[tuple[float, float]] = []
-        self._singular: list[tuple[float, float]] = []
-        self._reports: list[Report] = []
-        self._start = math.inf
-
-    def add(self, part: Recording) -> None:
-        """Take a part."""
+        """Return the digest of a run."""
+        curves, highest = {}, {}
         for quantity in EVERYTHING:
-            t, y = quantity.samples(part)
-            self._take(quantity.name, t, y, max(2, math.ceil(BINS * part.share)))
-        self._numbers.append(values(part))
-        self._tracks.append(_track(part, max(2, math.ceil(STEPS * part.share))))
-        self._approaches.append(approach(part))
-        self._poles += near_pole(part)
-        self._singular += near_singular(part)
-        self._reports += part.reports
-        self._start = min(self._start, float(part.leading.t[0]))
-        self._last = part
-
-    def _take(self, name: str, t: Array, y: Array, bins: int) -> None:
-        if not len(t):
-            return
-        columns = y.reshape(len(t), -1).T
-        curves = [Curve(*decimate(t, column, bins)) for column in columns]
-        self._curves.setdefault(name, []).append(curves)
-        highest = float(np.abs(y[np.isfinite(y)]).max(initial=0.0))
-        self._highest[name] = max(highest, self._highest.get(name, 0.0))
-
-    def digest(self) -> Digest:
-        """Return the digest of all parts."""
-        last = self._last
-        joined_curves = {
-            name: [Curve(*map(np.concatenate, zip(*column, strict=True)))
-                   for column in zip(*parts, strict=True)]
-            for name, parts in self._curves.items()
-        }  # fmt: skip
-        reports = shown(self._reports)
-        same = {entry.name: getattr(last, entry.name) for entry in fields(RecordedRun)}
-        return Digest(
-            **same,
-            why_no_wrench=last.why_no_wrench if last.sensed is not None else "",
-            start=self._start,
-            end=max(float(last.leading.t[-1]), float(last.measured.t[-1])),
-            approach=min(self._approaches, key=lambda one: one.distance),
-            near_pole=merged(self._poles),
-            near_singular=merged(self._singular),
-            curves=joined_curves,
-            highest=self._highest,
-            numbers=together(self._numbers),
-            track=Track(*map(np.concatenate, zip(*self._tracks, strict=True))),
+            t, y = quantity.samples(recording)
+            if len(t):
+                columns = y.reshape(len(t), -1).T
+                curves[quantity.name] = [Curve(*decimate(t, column, BINS)) for column in columns]
+                highest[quantity.name] = float(np.abs(y[np.isfinite(y)]).max(initial=0.0))
+        reports = shown(recording.reports)
+        leading, measured = recording.leading, recording.measured
+        return cls(
+            **{entry.name: getattr(recording, entry.name) for entry in fields(RecordedRun)},
+            why_no_wrench=recording.why_no_wrench if recording.sensed is not None else "",
+            start=float(leading.t[0]),
+            end=max(float(leading.t[-1]), float(measured.t[-1])),
+            approach=approach(recording),
+            near_pole=near_pole(recording),
+            near_singular=near_singular(recording),
+            curves=curves,
+            highest=highest,
+            numbers=[_computed(number, recording) for number in NUMBERS],
+            track=_track(recording),
             reports=reports,
-            reports_left_out=len(self._reports) - len(reports),
+            reports_left_out=len(recording.reports) - len(reports),
         )
 
 
-def _track(recording: Recording, steps: int) -> Track:
+def _track(recording: Recording) -> Track:
     measured = recording.measured
-    step = max(1, -(-len(measured.t) // steps))
+    step = max(1, -(-len(measured.t) // STEPS))
     chosen = np.unique(np.append(np.arange(0, len(measured.t), step), len(measured.t) - 1))
     t = measured.t[chosen]
     wrench = recording.contact
     nothing = np.full((len(t), 3), np.nan)
     f, mu = wrench.at(t) if wrench is not None else (nothing, nothing)
-    compliant = recording.compliant_frames(measured)
+    compliant = Frames.nowhere(len(measured.t))
+    if recording.compliant is not None:
+        compliant = recording.compliant.at(measured.t)
     return Track(
         t,
         measured.q[chosen],

@@ -1,4 +1,4 @@
-"""All quantities of a run as a file, csv or parquet: see ``wide`` for its columns.
+"""All quantities of a run as a file, csv or parquet.
 
 A file has the columns of all quantities, those that were not recorded empty, and the stamp of the
 joint_states.
@@ -6,7 +6,6 @@ joint_states.
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -65,54 +64,28 @@ def _names(quantity: Quantity) -> list[str]:
 FORMATS = ("csv", "parquet")
 
 
-class Export:
-    """A table that grows with the parts of a run.
-
-    Args:
-        path: of the file; its suffix is the format.
+def write_table(path: Path, recording: Recording) -> None:
+    """Write the columns of a run to a file; its suffix is the format.
 
     Raises:
         ConfigurationError: if it cannot be written.
     """
+    import pyarrow.csv  # takes time and memory, and few ask for a table
+    import pyarrow.parquet
 
-    def __init__(self, path: Path) -> None:
-        import pyarrow.csv  # takes time and memory, and few ask for a table
-        import pyarrow.parquet
-
-        self._arrow: Any = pyarrow
-        self.path = path
-        self._writer: Any = None
-        self._schema: Any = None
-        self._until = -np.inf
-
-    def close(self) -> None:
-        """End the file."""
-        if self._writer is not None:
-            self._writer.close()
-
-    def add(self, part: Recording) -> None:
-        """Write the rows of a part; those of before are not written again."""
-        pa, new = self._arrow, part.measured.t > self._until
-        self._until = float(part.measured.t[-1])
-        found = {name: pa.array(values[new]) for name, values in columns(part).items()}
-        stamps = part.began + np.round(1e9 * part.measured.t[new]).astype(np.int64)
-        found["stamp [ns]"] = pa.array(stamps)
-        nothing = pa.nulls(int(new.sum()), pa.float64())
-        try:
-            if self._writer is None:
-                self._open(names(part.robot))
-            arrays = [found.get(name, nothing) for name in self._schema.names]
-            self._writer.write_table(pa.Table.from_arrays(arrays, schema=self._schema))
-        except OSError as error:
-            raise ConfigurationError(f"cannot write {self.path}: {error}") from error
-
-    def _open(self, columns: list[str]) -> None:
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        pa = self._arrow
-        stamp = pa.field("stamp [ns]", pa.int64())
-        self._schema = pa.schema([stamp, *((name, pa.float64()) for name in columns)])
-        of = pa.csv.CSVWriter if self.path.suffix == ".csv" else pa.parquet.ParquetWriter
-        self._writer = of(str(self.path), self._schema)
+    t = recording.measured.t
+    found = columns(recording)
+    stamps = recording.began + np.round(1e9 * t).astype(np.int64)
+    nothing = pyarrow.nulls(len(t), pyarrow.float64())
+    table = {"stamp [ns]": pyarrow.array(stamps)}
+    for name in names(recording.robot):
+        table[name] = pyarrow.array(found[name]) if name in found else nothing
+    write = pyarrow.csv.write_csv if path.suffix == ".csv" else pyarrow.parquet.write_table
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write(pyarrow.table(table), str(path))
+    except OSError as error:
+        raise ConfigurationError(f"cannot write {path}: {error}") from error
 
 
 def file_name(label: str) -> str:

@@ -1,12 +1,7 @@
-"""From a bag to recordings: all at once, or one part after the other in bounded memory.
-
-Each topic is decoded once into columns on the disk; a part of a run has the rows of its time.
-"""
+"""From a bag to a recording: each topic is read once into arrays."""
 
 import math
-from bisect import bisect_right
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -15,13 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.analysis.arm import Arm, Options
+from eulerparams_control.analysis.compliant import ActingImpedance, CompliantMotion, SensorSeries
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.reports import Report, Reports
-from eulerparams_control.analysis.series import Departure, Frames, moved
+from eulerparams_control.analysis.reports import RunReports, reference_starts, run_reports
+from eulerparams_control.analysis.series import (
+    Efforts,
+    Frames,
+    Series,
+    ShapedMotion,
+    departure,
+    moved,
+)
 from eulerparams_control.analysis.topics import (
     LATEST,
     NO_START,
+    TIMED,
     Diagnostics,
+    RecordedReferences,
     RecordedTopic,
     Rows,
     SentReferences,
@@ -31,40 +36,14 @@ from eulerparams_control.bags.format import BagFlaw, BagWarning
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.errors import BagError, ConfigurationError
 from eulerparams_control.laws.compiled import sample
-from eulerparams_control.laws.orientation import OrientationRepresentation
+from eulerparams_control.laws.orientation import OrientationRepresentation, representation
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.robot import urdf_text
 
 _ANSWERED = 500_000_000  # [ns] within which the answers to a state are in the bag
-_TOLD = 10_000  # messages between calls of progress
-_LONGEST = 9e9  # [s] that stamps can tell of
-_MOST = 10  # messages of a topic in a part, for each state that it was to have
-
-BLOCK = 20_000
-"""Samples of a part: some seconds of motion, some 100 MB of memory."""
-
-
-Progress = Callable[[float], None]
-"""Called with the share of the work that is done, 0 to 1."""
-
-
-@dataclass(frozen=True)
-class RecordedReferences:
-    """K references in the order in which they were sent.
-
-    Attributes:
-        sent: (K,) [ns].
-        start: (K,) [ns] when they begin; ``NO_START`` is at the first tick after they were sent.
-        frames: returns the first frames of some, by their places; a set-point has no other.
-        trajectories: those that are no set-points, by place.
-    """
-
-    sent: Stamps
-    start: Stamps
-    frames: Callable[[NDArray[np.intp]], Frames] = field(repr=False)
-    trajectories: Mapping[int, Trajectory] = field(repr=False)
+_BLOCK = 20_000  # samples of which the kinematics are computed at once before the span
 
 
 class DesiredFrames:
@@ -139,7 +118,7 @@ class DesiredFrames:
     def _streamed(self, k: NDArray[np.intp], stamps: Stamps) -> Frames:
         """Return the frames of set-points, by their numbers (M,)."""
         dt = (stamps - self._starts[k]) / 1e9
-        return moved(self._frames(self._place[k]), dt, self._lasting)
+        return moved(self._frames.take(self._place[k]), dt, self._lasting)
 
 
 def _put(found: Frames, here: NDArray[np.bool_], frames: Frames) -> None:
@@ -147,338 +126,256 @@ def _put(found: Frames, here: NDArray[np.bool_], frames: Frames) -> None:
         column[here] = values
 
 
-def blocks(
-    bag: Bag | str | PathLike[str],
-    options: Options | None = None,
-    size: int = 0,
-    progress: Progress | None = None,
-) -> Iterator[Recording]:
-    """Yield the parts of a run, which share the sample at which one ends and the next begins.
+def load(
+    bag: Bag | str | PathLike[str], urdf: str = "", tip_frame: str = "", **options: Any
+) -> Recording:
+    """Return the recording of an arm of a bag.
 
     Args:
         bag: or its folder or file.
-        options: what is to be read.
-        size: joint_states in a part; 0 is all.
-        progress: called now and then.
+        urdf: a URDF, its text or its path; "" takes the robot_description in the bag.
+        tip_frame: the link to look at; "" takes that of the reference.
+        options: see :class:`Options`.
 
     Raises:
         BagError: if it is no bag, or holds no joint_states that are valid.
         RobotError: if the URDF does not fit.
     """
     bag = bag if isinstance(bag, Bag) else Bag(bag)
-    return _Reader(bag, options or Options(), progress or (lambda _: None)).blocks(size)
-
-
-def load(
-    path: str | PathLike[str], urdf: str = "", tip_frame: str = "", **options: Any
-) -> Recording:
-    """Return the recording of a bag, read all at once.
-
-    Args:
-        path: folder or file of the bag.
-        urdf: a URDF, its text or its path; "" takes the robot_description in the bag.
-        tip_frame: the link to look at; "" takes that of the reference.
-        options: see :class:`Options`.
-
-    Raises:
-        BagError: if it is no bag, or holds no joint_states.
-        RobotError: if the URDF does not fit.
-    """
     urdf = urdf if "<" in urdf or not urdf else read_urdf(urdf)
-    (recording,) = blocks(path, Options(urdf=urdf, tip_frame=tip_frame, **options))
-    return recording
+    return _Reader(bag, Options(urdf=urdf, tip_frame=tip_frame, **options)).recording()
 
 
 class _Reader:
-    """The topics of an arm, and the parts of its run."""
+    """The topics of an arm."""
 
-    def __init__(self, bag: Bag, options: Options, progress: Progress) -> None:
-        self._bag, self._options, self._progress = bag, options, progress
+    def __init__(self, bag: Bag, options: Options) -> None:
+        self._bag, self._options = bag, options
         self._arm = arm = Arm(bag, options)
-        kinds = RecordedTopic.registry
-        self._topics = {name: kinds[name](bag, arm) for name in kinds if name in arm.topics}
-        self._states = self._topics["joint_states"]
-        self._departure = Departure()
-        self._displacements: dict[str, Any] = {}
+        self._topics = {
+            name: RecordedTopic(bag, arm.topics[name], arm.robot, kind.columns)
+            for name, kind in TIMED.items()
+            if name in arm.topics
+        }
+        self._sent = SentReferences(bag, arm.topics.get("reference", ""), arm.robot)
+        self._diagnostics = Diagnostics(bag, arm.topics.get("diagnostics", ""), arm.others)
         self._read()
-        self._start = self._states.stamp(0)
-        begin, end = (
-            min(self._start + round(1e9 * min(t, _LONGEST)), LATEST)
-            for t in (options.start, options.end)
-        )
-        self._total = self._states.after(end) - self._states.after(begin - 1)
-        self._fill_reports()
-        self._desired = self._desired_frames()
-        self._check()
+        self._jumped = self._topics["joint_states"].jump()
+        for topic in (*self._topics.values(), self._sent):
+            topic.settle(self._jumped)
+        self._statuses = [one for one in self._diagnostics.statuses if one[0] < self._jumped]
+        self._rows = {n: topic.rows for n, topic in self._topics.items() if topic.rows is not None}
+        if "joint_states" not in self._rows:
+            joints = ", ".join(arm.robot.joints)
+            raise BagError(f"{bag.path}: no valid message of joint_states with the joints {joints}")
+        self._states = self._rows["joint_states"]
+
+    @property
+    def _readers(self) -> dict[str, RecordedTopic | Diagnostics]:
+        """By the names that the topics have here."""
+        readers: dict[str, RecordedTopic | Diagnostics] = {
+            **self._topics,
+            "reference": self._sent,
+            "diagnostics": self._diagnostics,
+        }
+        return {name: reader for name, reader in readers.items() if name in self._arm.topics}
 
     def _read(self) -> None:
-        """Read the bag once, up to where the clock jumps, or to the end that is asked for."""
-        by_topic = {self._arm.topics[name]: topic for name, topic in self._topics.items()}
-        total = sum(self._bag.topics[topic].count for topic in by_topic)
-        number, told, end, states = 0, 0, math.inf, self._states
+        """Read the bag once, up to the end that is asked for."""
+        states = self._topics["joint_states"]
+        by_topic = {self._arm.topics[name]: reader for name, reader in self._readers.items()}
         for batch in self._bag.batches(by_topic):
-            for name, messages in batch.items():
-                by_topic[name].add(messages)
-                number += len(messages.data)
-            if number >= told:
-                self._progress(number / total / 2)
-                told = number + _TOLD
-            if len(states):
-                end = states.stamp(0) + 1e9 * self._options.end + 2 * _ANSWERED
-            if states.latest > end:
+            for topic, messages in batch.items():
+                by_topic[topic].add(messages)
+            if states.latest > states.first + 1e9 * self._options.end + 2 * _ANSWERED:
                 break
-        for topic in self._topics.values():
-            topic.decode()
-        until = LATEST if states.jumped is None else states.jumped
-        for topic in self._topics.values():
-            topic.settle(until)
-        if not len(states):
-            joints = ", ".join(self._arm.robot.joints)
-            raise BagError(
-                f"{self._bag.path}: no valid message of joint_states with the joints {joints}"
-            )
+        for reader in (*self._topics.values(), self._sent):
+            reader.finish()
 
-    def _fill_reports(self) -> None:
-        """Put the reports of the nodes on the time of the run."""
-        said, options = self._topics.get(Diagnostics.name), self._options
-        reports = said.reports if isinstance(said, Diagnostics) else Reports()
-        stamps, sent = self._states.times()
-        told = reports.told(sent, self._times(stamps), options.start, options.end)
-        self._told, self._rates, self._delayed = told
-        stops = {one.node: one for one in reversed(told.reports) if one.fault}
-        self._stops = [
-            BagWarning(BagFlaw.STOPPED, f"{one.node} stopped the arm at {one.t:.3f} s: {one.fault}")
-            for one in sorted(stops.values())
-        ]
+    def _times(self, stamps: Stamps) -> Array:
+        """Return the times [s] from the beginning of the recording."""
+        return (stamps - self._states.stamp[0]) / 1e9
+
+    def recording(self) -> Recording:
+        """Return the recording of the time that is asked for."""
+        reports, start, end = self._reports(), self._options.start, self._options.end
+        desired = self._desired_frames()
+        self._check(reports, desired)
+        for name in ("joint_states", "joint_reference"):
+            self._fill_velocities(name)
+        own = np.unique(np.concatenate([rows.stamp for rows in self._rows.values()]))
+        frames = desired.at(own)
+        if self._follows_desired:
+            made = self._rows["desired"]
+            frames = Frames(*made.values).at(made.stamp, own)
+        states = self._within("joint_states")
+        if states is None:
+            raise BagError(f"{self._bag.path}: no joint_states from {start:g} to {end:g} s")
+        if states is self._states:
+            return self._recording(self._rows, own, frames, reports, {})
+        inside = {name: self._within(name) for name in self._rows}
+        rows = {name: found for name, found in inside.items() if found is not None}
+        return self._recording(rows, own, frames, reports, self._displacements_before(own, frames))
+
+    def _displacements_before(self, own: Stamps, frames: Frames) -> dict[str, Any]:
+        """Return the last displacements before the time that is asked for: signs follow them."""
+        leading = self._rows.get("joint_reference", self._states)
+        earlier = leading.take(self._times(leading.stamp) < self._options.start)
+        desired, (q, dq) = frames.at(own, earlier.stamp), earlier.values
+        known = np.flatnonzero(desired.known)
+        before: dict[str, Any] = {}
+        for first in range(0, len(known), _BLOCK):
+            some = known[first : first + _BLOCK]
+            with np.errstate(over="ignore", invalid="ignore"):  # a run that diverged
+                R_d, R_e = desired.R[some], self._arm.robot.states(q[some], dq[some]).R_e
+                for name in OrientationRepresentation.registry:
+                    orientation = representation(name, self._arm.orientation)
+                    x_de = orientation.displacement(R_d, R_e, before.get(name))
+                    before[name] = sample(x_de, -1)
+        return before
+
+    def _reports(self) -> RunReports:
+        """Return the reports of the nodes by the time of the run."""
+        controller = self._arm.topics.get("desired", "").rpartition("/")[0].strip("/")
+        times, span = self._times(self._states.stamp), (self._options.start, self._options.end)
+        return run_reports(self._statuses, controller, self._states.sent, times, *span)
 
     def _desired_frames(self) -> DesiredFrames:
         """Return the desired frames; references begin at the ticks of the controller."""
         commands = ("joint_reference", "joint_effort", "joint_states")
-        ticking = next(name for name in commands if name in self._topics)
-        said, sent = self._topics.get(Diagnostics.name), self._topics.get(SentReferences.name)
-        none = np.zeros(0, np.int64)
-        references = RecordedReferences(none, none, lambda _: Frames.nowhere(0), {})
-        if isinstance(sent, SentReferences) and len(sent):
-            start, times = sent.times()
-            for news, stamp in (said.began if isinstance(said, Diagnostics) else {}).items():
-                before = int(np.searchsorted(times, news, side="right"))
-                if before:
-                    start[before - 1] = stamp
-            places = ((np.flatnonzero(times == at), m) for at, m in sent.trajectories.items())
-            found = {k: motion for some, motion in places for k in some.tolist()}
-            references = RecordedReferences(times, start, sent.frames, found)
-        lasting = self._arm.lasting()
-        return DesiredFrames(references, *self._topics[ticking].times(), lasting, self._pose)
+        ticks = self._rows.get(next(name for name in commands if name in self._topics), Rows.none())
+        references = self._sent.references(reference_starts(self._statuses, self._arm.namespace))
+        return DesiredFrames(references, ticks.stamp, ticks.sent, self._arm.lasting(), self._pose)
 
     def _pose(self, stamp: int) -> DesiredFrame:
         """Return the pose of the tip that was measured at a stamp, or last before."""
-        place = max(0, self._states.after(stamp) - 1)
-        (q, _), n = self._states.rows(place, place + 1).values, self._arm.robot.n
-        state = self._arm.robot.state(q[0], np.zeros(n))
+        place = max(0, int(np.searchsorted(self._states.stamp, stamp, side="right")) - 1)
+        state = self._arm.robot.state(self._states.values[0][place], np.zeros(self._arm.robot.n))
         return DesiredFrame(state.p_e, state.R_e)
 
     @property
     def _follows_desired(self) -> bool:
         """Whether only ~/desired tells the desired frame: no reference was recorded in the time."""
-        references, desired = (self._topics.get(n, ()) for n in (SentReferences.name, "desired"))
-        return not len(references) and len(desired) > 0
+        return not self._sent.rows and "desired" in self._rows
 
-    def _check(self) -> None:
+    def _check(self, reports: RunReports, desired: DesiredFrames) -> None:
         """Warn if a topic ends before joint_states, or a trajectory may be late."""
         if self._follows_desired:
             text = "no reference was recorded: errors are those against ~/desired"
             self._arm.warn(BagFlaw.INCOMPLETE, text)
-        last = self._states.stamp(len(self._states) - 1)
-        for name, topic in self._timed():
-            latest = topic.stamp(len(topic) - 1) if len(topic) else None
-            if latest is None and topic.latest >= 0:
+        last = self._states.stamp[-1]
+        for name, topic in self._topics.items():
+            if topic.rows is None and topic.latest >= 0:
                 text = f"{name} has no stamp within those of joint_states"
                 self._arm.warn(BagFlaw.INCOMPLETE, text)
-            if topic.is_steady and latest is not None and latest < last - _ANSWERED:
-                end, of = self._times(np.array([latest, last]))
-                text = f"{name} ends at {end:.3f} s, joint_states at {of:.3f} s"
-                self._arm.warn(BagFlaw.INCOMPLETE, text)
+            elif topic.rows is not None and TIMED[name].is_steady:
+                latest = topic.rows.stamp[-1]
+                if latest < last - _ANSWERED:
+                    end, of = self._times(np.array([latest, last]))
+                    text = f"{name} ends at {end:.3f} s, joint_states at {of:.3f} s"
+                    self._arm.warn(BagFlaw.INCOMPLETE, text)
         # where ~/desired was recorded, it is known by how much
-        is_late = self._delayed < math.inf and self._desired.knows_trajectories
+        is_late = reports.delayed < math.inf and desired.knows_trajectories
         if is_late and "desired" not in self._topics:
             self._arm.warn(
                 BagFlaw.DELAY,
-                f"a motion that is slowed down or has to wait, first at {self._delayed:.3f}"
+                f"a motion that is slowed down or has to wait, first at {reports.delayed:.3f}"
                 " s, is compared with what was sent: from then on errors may be too large",
             )
 
-    def _timed(self) -> Iterator[tuple[str, RecordedTopic]]:
-        for name, topic in self._topics.items():
-            if topic.is_timed and topic is not self._states:
-                yield name, topic
-
-    def blocks(self, size: int) -> Iterator[Recording]:
-        """Yield the parts of the run."""
-        first, last, options, given = 0, -1, self._options, False
-        while last < len(self._states) - 1:
-            last = self._end(first, size)
-            begin, end = self._times(np.array([self._states.stamp(k) for k in (first, last)]))
-            if begin > options.end:
-                break
-            for part in self._part(first, last):
-                given = True
-                yield part
-            self._progress((1 + (last + 1) / len(self._states)) / 2)
-            if end >= options.end:
-                break
-            first = last
-        if not given:
-            end = f"{options.start:g} to {options.end:g} s"
-            raise BagError(f"{self._bag.path}: no joint_states from {end}")
-
-    def _end(self, first: int, size: int) -> int:
-        """Return with which state a part ends, that begins with another; they may be the same."""
-        end = len(self._states) - 1
-        if not size:
-            return end
-        last, stamp = first + size - 1, self._states.stamp(first)
-        for _, topic in self._timed():
-            place = topic.after(stamp) + _MOST * size
-            if place < len(topic):
-                last = min(last, self._states.after(topic.stamp(place)) - 1)
-        return min(max(last, first + 1), end)
-
-    def _part(self, first: int, last: int) -> Iterator[Recording]:
-        """Yield the part from one state to another; nothing if it is not of the time asked for."""
-        is_last = last == len(self._states) - 1
-        begin, end = self._states.stamp(first), self._states.stamp(last)
-        measured = self._states.rows(first, last + 1)
-        taken: dict[str, Rows | None] = {}
-        for name, topic in self._timed():
-            at = max(0, topic.after(begin) - 1) if first else 0
-            behind = len(topic) if is_last else topic.after(end)
-            taken[name] = topic.rows(at, behind) if behind else None
-        self._fill_velocities(measured, "joint_states")
-        if commands := taken.get("joint_reference"):
-            self._fill_velocities(commands, "joint_reference")
-        stamps = [found.stamp for found in (*taken.values(), measured) if found is not None]
-        own = np.unique(np.concatenate(stamps))
-        frames = self._desired.at(own)
-        if self._follows_desired and (made := taken.get("desired")):
-            frames = Frames(*made.values).at(made.stamp, own)
-        if shaped := taken.get("desired"):  # those before were in the last part
-            shaped = shaped.take(shaped.stamp >= begin) if first else shaped
-            taken["desired"] = self._within(shaped, "desired")
-        inside = self._within(measured, "joint_states")
-        until = math.inf if is_last else float(self._times(measured.stamp[-1:])[0])
-        said = self._said(until if inside is not None else -math.inf)
-        before = self._displacements
-        whole = self._recording(measured, taken, own, frames, before, said)
-        if inside is measured:
-            yield whole
-        elif inside is not None:
-            taken = {name: self._within(found, name) for name, found in taken.items()}
-            before = self._displacements_at(whole, self._options.start)
-            yield self._recording(inside, taken, own, frames, before, said)
-        if not is_last:
-            self._displacements = self._displacements_at(whole, math.inf)
-
-    def _said(self, end: float) -> tuple[list[Report], Array]:
-        """Take out the reports up to an instant [s], and the rates of time."""
-        n = bisect_right(self._told, end, key=lambda report: report.t)
-        told, self._told = self._told[:n], self._told[n:]
-        k = int(np.searchsorted(self._rates[:, 0], end, side="right"))
-        rates, self._rates = self._rates[:k], self._rates[k:]
-        return told, rates
-
-    def _fill_velocities(self, found: Rows, name: str) -> None:
+    def _fill_velocities(self, name: str) -> None:
         """Take differences of the positions for velocities that are not there."""
-        q, dq = found.values
+        if name not in self._rows:
+            return
+        q, dq = self._rows[name].values
         missing = ~np.isfinite(dq)
-        if missing.any() and len(q) > 1:
-            dq[missing] = np.gradient(q, found.stamp / 1e9, axis=0)[missing]
-        elif missing.any():
-            dq[missing] = 0.0
-        if missing.any():
-            text = f"{name} lacks velocities: differences of its positions are taken for them"
-            self._arm.warn(BagFlaw.INCOMPLETE, text)
+        if not missing.any():
+            return
+        times = self._rows[name].stamp / 1e9
+        dq[missing] = np.gradient(q, times, axis=0)[missing] if len(q) > 1 else 0.0
+        text = f"{name} lacks velocities: differences of its positions are taken for them"
+        self._arm.warn(BagFlaw.INCOMPLETE, text)
 
-    def _recording(
-        self,
-        measured: Rows,
-        taken: dict[str, Rows | None],
-        own: Stamps,
-        frames: Frames,
-        before: dict[str, Any],
-        said: tuple[list[Report], Array],
-    ) -> Recording:
-        fields: dict[str, Any] = {}
-        others: dict[str, Any] = {}
-        for name, rows in {"joint_states": measured, **taken}.items():
-            if rows is not None:
-                topic, t = self._topics[name], self._times(rows.stamp)
-                made = topic.series(rows, t, frames.at(own, rows.stamp))
-                (fields if topic.field else others)[topic.field or name] = made
-        if shaped := fields.get("shaped"):
-            unknown = Frames.nowhere(len(shaped.t))
-            asked = unknown if self._follows_desired else shaped.asked
-            fields["shaped"] = replace(shaped, asked=asked, rates=said[1])
-            self._departure.take(fields["shaped"])
-        return Recording(
-            self._bag.path,
-            self._arm.robot,
-            self._arm.parameters,
-            self._warnings(),
-            urdf=self._arm.urdf,
-            namespace=self._arm.namespace,
-            before=before,
-            options=self._arm.orientation,
-            began=self._start,
-            share=len(measured.stamp) / max(1, self._total),
-            reports=said[0],
-            others=others,
-            **fields,
-        )
-
-    def _within(self, found: Rows | None, name: str) -> Rows | None:
-        """Return what is of, or acts in, the time that is looked at; None if nothing is."""
-        if found is None:
-            return None
+    def _within(self, name: str) -> Rows | None:
+        """Return what is of, or acts in, the time that is asked for; None if nothing is."""
+        found = self._rows[name]
         t, start = self._times(found.stamp), self._options.start
         inside = (t >= start) & (t <= self._options.end)
-        if self._topics[name].is_lasting:
+        if name == "impedance":  # one acts until the next one
             inside |= t == t.max(where=t <= start, initial=-math.inf)
         return found if inside.all() else found.take(inside) if inside.any() else None
 
-    def _times(self, stamps: NDArray[np.int64]) -> Array:
-        return (stamps - self._start) / 1e9
+    def _recording(
+        self,
+        rows: Mapping[str, Rows],
+        own: Stamps,
+        desired: Frames,
+        reports: RunReports,
+        before: Mapping[str, Any],
+    ) -> Recording:
+        """Return the recording of some rows, given the desired frames at the stamps of all."""
+        fields: dict[str, Any] = {}
+        robot = self._arm.robot
+        for name, found in rows.items():
+            t, values = self._times(found.stamp), found.values
+            at = desired.at(own, found.stamp)
+            match name:
+                case "joint_states":
+                    fields["measured"] = Series(robot, t, values[0], values[1], at)
+                case "joint_reference":
+                    fields["command"] = Series(robot, t, values[0], values[1], at)
+                case "joint_effort":
+                    fields["effort"] = Efforts(t, *values)
+                case "wrench":
+                    fields["sensed"] = SensorSeries(t, *values)
+                case "target_wrench":
+                    fields["targets"] = SensorSeries(t, *values)
+                case "impedance":
+                    fields["acting"] = ActingImpedance(t, *values)
+                case "compliant_frame":
+                    fields["compliant"] = CompliantMotion(t, Frames(*values), at)
+                case "desired":
+                    asked = Frames.nowhere(len(t)) if self._follows_desired else at
+                    fields["shaped"] = ShapedMotion(t, asked, Frames(*values), reports.rates)
+        return Recording(
+            self._bag.path,
+            robot,
+            self._arm.parameters,
+            self._warnings(reports, fields.get("shaped")),
+            urdf=self._arm.urdf,
+            namespace=self._arm.namespace,
+            options=self._arm.orientation,
+            before=before,
+            began=int(self._states.stamp[0]),
+            reports=reports.reports,
+            **fields,
+        )
 
-    def _displacements_at(self, recording: Recording, end: float) -> dict[str, Any]:
-        """Return the last displacements before an instant [s]: the signs after it follow."""
-        known = int(np.searchsorted(recording.leading.t[recording.known], end))
-        if not known:
-            return self._displacements
-        return {
-            name: sample(recording.displacements(name), known - 1)
-            for name in OrientationRepresentation.registry
-        }
-
-    def _warnings(self) -> tuple[BagWarning, ...]:
+    def _warnings(self, reports: RunReports, shaped: ShapedMotion | None) -> tuple[BagWarning, ...]:
         """Return what is wrong with the bag, as far as it was read."""
+        faults = {one.node: one for one in reversed(reports.reports) if one.fault}
+        stops = [
+            BagWarning(BagFlaw.STOPPED, f"{one.node} stopped the arm at {one.t:.3f} s: {one.fault}")
+            for one in sorted(faults.values())
+        ]
         found = []
-        for name, topic in self._topics.items():
+        for name, topic in self._readers.items():
             if topic.invalid:
                 found.append(f"{topic.invalid} messages of {name} are not valid and left out")
             if topic.repeated:
                 found.append(f"{topic.repeated} messages of {name} have the stamp of another and "
                              "are left out")  # fmt: skip
-        if self._states.jumped is not None:
-            last = self._states.stamp(len(self._states) - 1)
-            end = f"{self._times(np.array([last]))[0]:.3f} s"
+        if self._jumped < LATEST:
+            end = f"{self._times(self._states.stamp)[-1]:.3f} s"
             found.append(f"the stamps of joint_states jump back at {end}: the rest is left out")
         left_out = (BagWarning(BagFlaw.LEFT_OUT, text) for text in found)
-        words = self._departure.words
+        words = "" if shaped is None else departure(shaped)
         targets = (f"{self._arm.namespace}/{name}" for name in ("target_pose", "target_twist"))
         sent = [t for t in targets if t in self._bag.topics and self._bag.topics[t].count]
         if words and sent:
             words += f"; {' and '.join(sent)} led the arm, too, but do not count here"
-        shaped = [BagWarning(BagFlaw.SHAPED, words)] if words else []
-        return *self._stops, *self._bag.warnings, *left_out, *self._arm.flaws, *shaped
+        differs = [BagWarning(BagFlaw.SHAPED, words)] if words else []
+        return *stops, *self._bag.warnings, *left_out, *self._arm.flaws, *differs
 
 
 def read_urdf(path: str) -> str:

@@ -3,20 +3,17 @@
 import argparse
 import math
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, closing, nullcontext
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
-from eulerparams_control.analysis.arm import Options, namespaces
+from eulerparams_control.analysis.arm import namespaces
 from eulerparams_control.analysis.digest import Digest
-from eulerparams_control.analysis.export import FORMATS, Export, file_name
+from eulerparams_control.analysis.export import FORMATS, file_name, write_table
 from eulerparams_control.analysis.labels import labels
-from eulerparams_control.analysis.loading import BLOCK, blocks, read_urdf
+from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.page import write_page
-from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.table import terminal_tables
 from eulerparams_control.bags.format import BagFlaw
 from eulerparams_control.bags.reader import Bag
@@ -111,22 +108,21 @@ def _analyze(options: argparse.Namespace, console: Console) -> int:
 def _digests(options: argparse.Namespace, console: Console) -> tuple[list[Digest], bool]:
     """Return the digests of all runs, and whether a bag could not be read; says why."""
     digests, failed, names = [], False, set[str]()
-    shown = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn())
-    columns, quiet = (*shown, TimeElapsedColumn()), not console.is_terminal
-    progress = Progress(*columns, console=console, transient=True, disable=quiet)
-    with nullcontext() if quiet else progress:  # rich 13.7 ends a disabled one with an empty line
-        for path in options.bags:
-            bag = None
-            try:
-                bag = Bag(path)
-                for arm in _namespaces(bag, options):
-                    file = _table_of(path, arm, options, names)
-                    digests.append(_digest(bag, arm, file, options, progress, console))
-            except EulerParamsError as error:
-                failed = True
-                say(console, f"error: {error}", "red")
-                if bag is not None and bag.warning:
-                    say(console, f"warning: {bag.warning}", "yellow")
+    for path in options.bags:
+        bag = None
+        try:
+            bag = Bag(path)
+            for arm in _namespaces(bag, options):
+                file = _table_of(path, arm, options, names)
+                with console.status(Text(f"reading {path}{arm}")):
+                    digests.append(_digest(bag, arm, file, options))
+                if file is not None:
+                    say(console, f"The table: {file.resolve()}")
+        except EulerParamsError as error:
+            failed = True
+            say(console, f"error: {error}", "red")
+            if bag is not None and bag.warning:
+                say(console, f"warning: {bag.warning}", "yellow")
     return digests, failed
 
 
@@ -136,17 +132,11 @@ def _namespaces(bag: Bag, options: argparse.Namespace) -> list[str]:
     return namespaces(bag, dict(options.topic))
 
 
-def _digest(
-    bag: Bag,
-    namespace: str,
-    file: Path | None,
-    options: argparse.Namespace,
-    progress: Progress,
-    console: Console,
-) -> Digest:
+def _digest(bag: Bag, namespace: str, file: Path | None, options: argparse.Namespace) -> Digest:
     """Return the digest of an arm of a bag, and write its table if there is to be one."""
-    what = Options(
-        urdf=read_urdf(options.urdf) if options.urdf else "",
+    run = load(
+        bag,
+        urdf=options.urdf or "",
         tip_frame=options.tip_frame,
         base_frame=options.base_frame,
         namespace=namespace,
@@ -155,16 +145,9 @@ def _digest(
         end=options.end,
         euler_sequence=options.euler_sequence,
     )
-    task = progress.add_task(f"{bag.path}{namespace}", total=1.0)
-    parts = blocks(bag, what, BLOCK, lambda part: progress.update(task, completed=part))
-    with ExitStack() as open_files:
-        if file is not None:
-            parts = _exporting(parts, open_files.enter_context(closing(Export(file))))
-        digest = Digest.of_parts(parts)
-    progress.update(task, completed=1.0)
     if file is not None:
-        say(console, f"The table: {file.resolve()}")
-    return digest
+        write_table(file, run)
+    return Digest.of(run)
 
 
 def _table_of(
@@ -182,12 +165,6 @@ def _table_of(
         name = f"{name}_{len(taken)}"
     taken.add(name)
     return Path(options.out).parent / f"{name}.{options.export}"
-
-
-def _exporting(parts: Iterator[Recording], export: Export) -> Iterator[Recording]:
-    for part in parts:
-        export.add(part)
-        yield part
 
 
 def _say_which_end_early(digests: list[Digest], console: Console) -> None:

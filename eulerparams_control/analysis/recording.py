@@ -28,7 +28,7 @@ from eulerparams_control.analysis.compliant import (
 )
 from eulerparams_control.analysis.controllers import options_of, parameters_to_blame, recorded
 from eulerparams_control.analysis.reports import Report
-from eulerparams_control.analysis.series import Efforts, Frames, Series, ShapedMotion, comparable
+from eulerparams_control.analysis.series import Efforts, Series, ShapedMotion
 from eulerparams_control.bags.format import BagWarning, in_words
 from eulerparams_control.errors import BagError, RobotError
 from eulerparams_control.laws.force_control import ForceOptions
@@ -116,12 +116,10 @@ class Recording(RecordedRun):
         compliant: from compliant_frame; None if there is none.
         targets: from target_wrench; None if there is none.
         acting: from ~/impedance; None if there is none.
-        before: displacements, by representation, before the first instant of a later part of a run.
+        before: displacements, by representation, before the first instant that is looked at.
         began: [ns] stamp of the first joint_states of the recording.
-        share: of all states that are looked at, those of this part of a run.
         reports: of its nodes.
         shaped: from ~/desired; None if there is none.
-        others: what topics without a field here have, by their names.
     """
 
     measured: Series
@@ -133,25 +131,8 @@ class Recording(RecordedRun):
     acting: ActingImpedance | None = None
     before: Mapping[str, Any] = field(default_factory=dict, repr=False)
     began: int = 0
-    share: float = 1.0
     reports: Sequence[Report] = ()
     shaped: ShapedMotion | None = None
-    others: Mapping[str, Any] = field(default_factory=dict, repr=False)
-
-    @cached_property
-    def servo_lag(self) -> tuple[Array, Array]:
-        """Times (M,) [s], largest angle (M,) [rad] of a joint between command and measurement.
-
-        Of the joints that turn; of the others [m] if none does.
-
-        At the stamps that both have; empty without a command.
-        """
-        if self.command is None:
-            return np.zeros(0), np.zeros(0)
-        t, i, j = np.intersect1d(self.command.t, self.measured.t, return_indices=True)
-        joints = comparable(self.robot)
-        lag = np.abs(self.command.q[i] - self.measured.q[j])[:, joints]
-        return t, lag.max(axis=1, initial=0.0)
 
     @property
     def leading(self) -> Series:
@@ -251,12 +232,6 @@ class Recording(RecordedRun):
         f_d[~counts] = np.nan
         return PressedForce(wrench.t, -on * in_axes(R, wrench.f), on * f_d, R, on)
 
-    def compliant_frames(self, series: Series) -> Frames:
-        """Return the compliant frame at each instant of a series, none where there is none."""
-        if self.compliant is None:
-            return Frames.nowhere(len(series.t))
-        return self.compliant.at(series.t)
-
     @cached_property
     def known(self) -> NDArray[np.intp]:
         """(M,) places of the leading series at which there is a desired frame."""
@@ -304,7 +279,7 @@ class Recording(RecordedRun):
     @cached_property
     def pole_distance(self) -> Array:
         """(N,) [rad] angle to the pole of ``sequence``, of the leading series."""
-        return self.leading.pole_distance(self.sequence)
+        return self.sequence.pole_distance(self.leading.R_e)
 
     def parameter(self, name: str, default: Any = None) -> Any:
         """Return the parameter of that name of the first node that has it."""

@@ -1,7 +1,7 @@
 """Reports of the nodes of an arm on /diagnostics, one for each change."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
 
@@ -10,17 +10,26 @@ from numpy.typing import NDArray
 
 from eulerparams_control.control.mode import Cause, Mode
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.messages.keys import CAUSE, FROZEN, MODE, PACE, REMEDY, SATURATED, SLOWED
+from eulerparams_control.messages.keys import (
+    BEGAN,
+    CAUSE,
+    FROZEN,
+    MODE,
+    PACE,
+    REMEDY,
+    SATURATED,
+    SLOWED,
+)
 
 LEVELS = ("ok", "warning", "error", "stale")
 """The names of the levels of diagnostic_msgs/DiagnosticStatus."""
 
-_MOST = 50  # reports of a node that are shown, first and last each; its errors count apart
+_MOST_SHOWN = 50  # reports of a node that are shown, first and last each; its errors count apart
 _LONGEST = 400  # characters of a text
 
 # Modes in which an arm is stopped, the last one of a simulated robot; causes that are no fault.
 _STOPS = Mode.STOPPED, Mode.RELEASING, "stopping"
-_TOLD = "", Cause.HALT, Cause.DEACTIVATED, Cause.NO_STATES
+_NO_FAULT = "", Cause.HALT, Cause.DEACTIVATED, Cause.NO_STATES
 
 
 class Report(NamedTuple):
@@ -43,7 +52,7 @@ class Report(NamedTuple):
     fault: str = ""
 
 
-class Told(NamedTuple):
+class RunReports(NamedTuple):
     """The reports of a run.
 
     Attributes:
@@ -58,65 +67,69 @@ class Told(NamedTuple):
     delayed: float
 
 
-class Reports:
-    """The reports of nodes as they come; those that repeat the last one are left out.
+type Statuses = Sequence[tuple[int, Any]]
+"""When [ns] each DiagnosticStatus was sent, and the status."""
+
+
+def run_reports(
+    statuses: Statuses, controller: str, sent: NDArray[np.int64], t: Array, start: float, end: float
+) -> RunReports:
+    """Return the reports by the times of the run; those that repeat the last one are left out.
 
     Args:
+        statuses: of the nodes.
         controller: the node whose rates of time are kept; "" is none.
+        sent: (N,) [ns] when the states were sent.
+        t: (N,) [s] their times.
+        start, end: [s] of the run that is looked at; the last report of each node before the
+            start counts, too.
     """
-
-    def __init__(self, controller: str = "") -> None:
-        self._controller = controller.strip("/")
-        self._rates: list[tuple[int, float, float, float]] = []
-        self._said: dict[str, Report] = {}
-        self._new: list[tuple[int, Report]] = []
-        self._waits = math.inf  # [ns]
-
-    def add(self, status: Any, sent: int) -> None:
-        """Take a DiagnosticStatus that was sent at a time [ns]."""
+    order = np.argsort(sent, kind="stable")
+    sent, t = sent[order], t[order]
+    start = start if start > 0 else -math.inf
+    last: dict[str, Report] = {}
+    new, ran, waits = [], [], math.inf
+    for at, status in statuses:
         values = {value.key: value.value for value in status.values}
-        told = status.name, status.message, values.get(REMEDY, "")
-        node, message, remedy = map(_short, told)
         if _waits(values):
-            self._waits = min(self._waits, sent)
-        if self._controller and status.name.strip("/") == self._controller:
+            waits = min(waits, at)
+        if controller and status.name.strip("/") == controller:
             with suppress(ValueError):
                 rates = values.get(PACE, 1), values.get(SLOWED, 1), values.get(SATURATED, 0)
-                self._rates.append((sent, *map(float, rates)))  # type: ignore[arg-type]
+                ran.append((_time(at, sent, t), *map(float, rates)))
+        node, message, remedy = map(_short, (status.name, status.message, values.get(REMEDY, "")))
         report = Report(0.0, node, _level(status.level), message, remedy, _fault(values))
-        if message and self._said.get(node) != report:
-            self._said[node] = report
-            self._new.append((sent, report))
+        if message and last.get(node) != report:
+            last[node] = report
+            new.append(report._replace(t=_time(at, sent, t)))
+    earlier = {report.node: report for report in sorted(new) if report.t < start}
+    inside = [report for report in sorted(new) if start <= report.t <= end]
+    speeds = np.array(sorted(ran), dtype=float).reshape(-1, 4)
+    return RunReports(
+        sorted(earlier.values()) + inside,
+        speeds[(speeds[:, 0] >= start) & (speeds[:, 0] <= end)],
+        _time(int(waits), sent, t) if waits <= sent[-1] else math.inf,
+    )
 
-    def drop_after(self, sent: int) -> None:
-        """Forget what was sent at that time [ns] or later."""
-        self._waits = self._waits if self._waits < sent else math.inf
-        self._new = [one for one in self._new if one[0] < sent]
-        self._rates = [one for one in self._rates if one[0] < sent]
 
-    def told(self, sent: NDArray[np.int64], t: Array, start: float, end: float) -> Told:
-        """Return the reports by the times of the run.
+def reference_starts(statuses: Statuses, namespace: str) -> dict[int, int]:
+    """Return when the status was sent [ns], by the stamp [ns] at which a reference began.
 
-        Args:
-            sent: (N,) [ns] when the states were sent.
-            t: (N,) [s] their times.
-            start, end: [s] of the run that is looked at; the last report of each node before the
-                start counts, too.
-        """
-        order = np.argsort(sent, kind="stable")
-        sent, t = sent[order], t[order]
-        start = start if start > 0 else -math.inf
-        told = sorted(report._replace(t=_time(at, sent, t)) for at, report in self._new)
-        earlier = {report.node: report for report in told if report.t < start}
-        told = sorted(earlier.values()) + [one for one in told if start <= one.t <= end]
-        ran = [(_time(at, sent, t), *rates) for at, *rates in sorted(self._rates)]
-        rates = np.array(ran, dtype=float).reshape(-1, 4)
-        is_late = self._waits <= sent[-1]
-        return Told(
-            told,
-            rates[(rates[:, 0] >= start) & (rates[:, 0] <= end)],
-            _time(int(self._waits), sent, t) if is_late else math.inf,
-        )
+    Args:
+        statuses: of the nodes.
+        namespace: of the arm whose references they are.
+    """
+    found: dict[int, int] = {}
+    for sent, status in statuses:
+        for value in status.values if namespace_of(status) == namespace else ():
+            if value.key == BEGAN and _is_stamp(value.value):
+                found.setdefault(int(value.value), sent)
+    return found
+
+
+def namespace_of(status: Any) -> str:
+    """Return the namespace of the node that a status is of."""
+    return f"/{status.name.lstrip('/')}".rpartition("/")[0]
 
 
 def shown(reports: Iterable[Report]) -> list[Report]:
@@ -124,8 +137,13 @@ def shown(reports: Iterable[Report]) -> list[Report]:
     groups: dict[tuple[str, bool], list[Report]] = {}
     for report in reports:
         groups.setdefault((report.node, report.level in ("ok", "warning")), []).append(report)
-    parts = (some[:_MOST] + some[_MOST:][-_MOST:] for some in groups.values())
+    parts = (some[:_MOST_SHOWN] + some[_MOST_SHOWN:][-_MOST_SHOWN:] for some in groups.values())
     return sorted((report for part in parts for report in part), key=lambda one: one.t)
+
+
+def _is_stamp(text: str) -> bool:
+    """Return whether a text is a time [ns] as stamps have it."""
+    return text.isascii() and text.isdecimal() and len(text) <= 19
 
 
 def _waits(values: Mapping[str, str]) -> bool:
@@ -140,7 +158,7 @@ def _waits(values: Mapping[str, str]) -> bool:
 def _fault(values: Mapping[str, str]) -> str:
     """Return the cause for which a node stopped the arm; "" if it did not, or was told to."""
     cause = _short(values.get(CAUSE, ""))
-    return cause if values.get(MODE) in _STOPS and cause not in _TOLD else ""
+    return cause if values.get(MODE) in _STOPS and cause not in _NO_FAULT else ""
 
 
 def _short(text: str) -> str:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.laws.inverse import sigma_min
-from eulerparams_control.laws.orientation import EulerSequence
 from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.motion import frames as formulas
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement
@@ -121,40 +120,25 @@ class ShapedMotion:
     rates: Array = field(default_factory=lambda: np.zeros((0, 4)), repr=False)
 
 
-@dataclass
-class Departure:
-    """Largest differences so far between the shaped motion and the references.
-
-    Attributes:
-        distance, angle: largest ones [m], [rad].
-        slowest: rate of time.
-    """
-
-    distance: float = 0.0
-    angle: float = 0.0
-    slowest: float = 1.0
-
-    def take(self, motion: ShapedMotion) -> None:
-        """Take a part of a run."""
-        with np.errstate(over="ignore", invalid="ignore"):  # what was asked may be non-finite
-            away = np.linalg.norm(motion.asked.p - motion.made.p, axis=1)
-            angles = angle_between(motion.asked.R, motion.made.R)
-        self.distance = float(np.nanmax(away, initial=self.distance))
-        self.angle = float(np.nanmax(angles, initial=self.angle))
-        self.slowest = float(motion.rates[:, 1:3].min(initial=self.slowest))
-
-    @property
-    def words(self) -> str:
-        """Description in words; "" if the motion is as the references asked."""
-        found = {
-            f"by {1e3 * self.distance:.3g} mm at most": self.distance > _NEAR,
-            f"by {np.degrees(self.angle):.3g} deg at most": self.angle > _ALIGNED,
-            f"with time at {100 * self.slowest:.3g} % at the slowest": self.slowest < _AS_ASKED,
-        }
-        words = ", ".join(text for text, differs in found.items() if differs)
-        if self.distance or self.angle:  # else nothing is known of what was asked
-            words += ": errors here are those against what was asked" * bool(words)
-        return f"the motion was made to differ from what was asked, {words}" * bool(words)
+def departure(motion: ShapedMotion) -> str:
+    """Describe by how much the motion differs from the references; "" if it is as they asked."""
+    with np.errstate(over="ignore", invalid="ignore"):  # what was asked may be non-finite
+        away = np.linalg.norm(motion.asked.p - motion.made.p, axis=1)
+        angles = angle_between(motion.asked.R, motion.made.R)
+    distance = float(np.nanmax(away, initial=0.0))
+    angle = float(np.nanmax(angles, initial=0.0))
+    slowest = float(motion.rates[:, 1:3].min(initial=1.0))
+    found = {
+        f"by {1e3 * distance:.3g} mm at most": distance > _NEAR,
+        f"by {np.degrees(angle):.3g} deg at most": angle > _ALIGNED,
+        f"with time at {100 * slowest:.3g} % at the slowest": slowest < _AS_ASKED,
+    }
+    words = ", ".join(text for text, differs in found.items() if differs)
+    if not words:
+        return ""
+    if distance or angle:  # else nothing is known of what was asked
+        words += ": errors here are those against what was asked"
+    return f"the motion was made to differ from what was asked, {words}"
 
 
 class Efforts(NamedTuple):
@@ -167,12 +151,6 @@ class Efforts(NamedTuple):
 
     t: Array
     tau: Array
-
-    @property
-    def largest(self) -> Array:
-        """(N,) [Nm or N] largest absolute effort of a joint."""
-        largest: Array = np.abs(self.tau).max(axis=1)
-        return largest
 
 
 def comparable(robot: Robot) -> NDArray[np.bool_]:
@@ -245,24 +223,9 @@ class Series:
             return angle_between(frames.R, self.R_e)
 
     @cached_property
-    def turns(self) -> Array:
-        """(N - 1,) [rad] angles between successive orientations of the tip."""
-        return angle_between(self.R_e[:-1], self.R_e[1:])
-
-    @cached_property
-    def joint_speed(self) -> Array:
-        """(N,) [rad/s] largest absolute velocity of a joint that turns; [m/s] if none does."""
-        speed: Array = np.abs(self.dq[:, comparable(self.robot)]).max(axis=1)
-        return speed
-
-    @cached_property
     def smallest_singular_value(self) -> Array:
         """(N,) smallest singular value of J: distance to the kinematic singularities.
 
         Its rows for the position are divided by the characteristic length of the arm.
         """
         return np.array([sigma_min(J, self.robot.length) for J in self.kinematics.J])
-
-    def pole_distance(self, sequence: EulerSequence) -> Array:
-        """Return (N,) [rad] the angle of the tip to the pole of a sequence of Euler angles."""
-        return sequence.pole_distance(self.R_e)

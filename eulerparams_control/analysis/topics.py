@@ -1,28 +1,21 @@
-"""The topics of an arm, decoded once into columns on the disk.
+"""The topics of an arm as arrays: what is not valid, as controllers check messages, is left out."""
 
-A topic is a class here: its type, the rows of numbers that its messages are, and what a recording
-has of them.  What is not valid, as the controllers check messages, is left out and counted.
-"""
-
-import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from tempfile import SpooledTemporaryFile
-from typing import Any, ClassVar, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.analysis.compliant import ActingImpedance, CompliantMotion, SensorSeries
-from eulerparams_control.analysis.reports import Reports
-from eulerparams_control.analysis.series import Efforts, Frames, Series, ShapedMotion
+from eulerparams_control.analysis.reports import namespace_of
+from eulerparams_control.analysis.series import Frames
 from eulerparams_control.bags.columns import Group, columns
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.bags.scan import Messages, RawMessage
 from eulerparams_control.errors import BagError, InvalidMessageError
 from eulerparams_control.laws.rotations import Array, EulerParameters
 from eulerparams_control.messages.from_ros import QUATERNION_NORM_TOLERANCE, motion_from_ros
-from eulerparams_control.messages.keys import ACTING, BEGAN, IMPEDANCE, SPRINGS
+from eulerparams_control.messages.keys import ACTING, IMPEDANCE, SPRINGS
 from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.robot.robot import Robot
@@ -34,11 +27,7 @@ NO_START = -1
 """Start of a motion that begins at receipt."""
 
 _NOT_OF_ITS_TYPE = InvalidMessageError, LookupError  # a damaged schema has other fields
-
-_BATCH = 8192  # most messages that are decoded at once
-_BYTES = 64_000_000  # most bytes that are decoded at once
-_IN_MEMORY = 500_000  # [bytes] of a column; a longer one is on the disk
-_STRIDE = 4096  # rows between the stamps that are kept in memory to find others
+_BATCH = 8192  # messages that are decoded at once
 _BACK = 100_000_000  # [ns] largest step back of a stamp that is no jump: messages overtake
 
 type Stamps = NDArray[np.int64]
@@ -59,53 +48,21 @@ class Rows:
     sent: Stamps
     values: tuple[NDArray[Any], ...] = field(repr=False)
 
+    def __len__(self) -> int:
+        return len(self.stamp)
+
+    @classmethod
+    def none(cls) -> "Rows":
+        """Return no rows."""
+        return cls(np.zeros(0, np.int64), np.zeros(0, np.int64), ())
+
     def take(self, index: NDArray[Any]) -> "Rows":
         """Return some of them."""
         values = tuple(column[index] for column in self.values)
         return Rows(self.stamp[index], self.sent[index], values)
 
 
-class Column:
-    """An array that grows by rows, on the disk once it is long."""
-
-    def __init__(self, like: NDArray[Any]) -> None:
-        self._file = SpooledTemporaryFile(_IN_MEMORY)  # noqa: SIM115 (it ends with the column)
-        self._dtype, self._shape = like.dtype, like.shape[1:]
-        self._size = like.dtype.itemsize * math.prod(self._shape)
-        self._count = 0
-
-    def __del__(self) -> None:
-        """Give the file back; it has no name."""
-        self._file.close()
-
-    def __len__(self) -> int:
-        return self._count
-
-    def append(self, rows: NDArray[Any]) -> None:
-        """Add rows at the end."""
-        self._file.seek(self._count * self._size)
-        self._file.write(np.ascontiguousarray(rows).tobytes())
-        self._count += len(rows)
-
-    def rows(self, begin: int, end: int) -> NDArray[Any]:
-        """Return the rows from one to before another."""
-        self._file.seek(begin * self._size)
-        data = bytearray(self._file.read((end - begin) * self._size))
-        return np.frombuffer(data, self._dtype).reshape(end - begin, *self._shape)
-
-    def take(self, index: NDArray[np.intp]) -> NDArray[Any]:
-        """Return the rows (K,) of an index."""
-        first = int(index.min(initial=len(self)))
-        return self.rows(first, int(index.max(initial=first - 1)) + 1)[index - first]
-
-
-def _differ(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return in which rows (N,) two arrays differ; NaN is equal to NaN."""
-    same = (one == other) | (np.isnan(one) & np.isnan(other))
-    differ: NDArray[np.bool_] = ~same.reshape(len(one), -1).all(axis=1)
-    return differ
-
-
+# --- messages of one layout as columns --------------------------------------------------------
 def stamps_of(group: Group) -> Stamps:
     """Return the stamps (N,) [ns] of messages with a header."""
     seconds = group.numbers["header.stamp.sec"].astype(np.int64)
@@ -137,25 +94,42 @@ def joint_rows(group: Group, joints: Sequence[str], fields: Sequence[str]) -> li
     return found
 
 
-def is_set_point(group: Group) -> bool:
-    """Whether messages have one point with one transform and at most one twist of each kind."""
-    texts = group.texts
-    if texts.get("points") != 1 or texts["points[0].transforms"] != 1:
-        return False
-    return bool(max(texts["points[0].velocities"], texts["points[0].accelerations"]) <= 1)
+def _motion(group: Group, robot: Robot) -> Columns:
+    """Return q and dq (N, n); velocities may be missing."""
+    return [*joint_rows(group, robot.joints, ("position", "velocity"))]
 
 
-def frame_rows(group: Group, base_frame: str, tip_frame: str) -> list[Array]:
-    """Return the columns of :class:`Frames` of set-points; NaN where one is not valid.
+def _efforts(group: Group, robot: Robot) -> Columns:
+    return [*joint_rows(group, robot.joints, ("effort",))]
+
+
+def _wrenches(group: Group, _robot: Robot) -> Columns:
+    """Return force and moment (N, 6), and the names of the frames that they are in."""
+    paths = [f"wrench.{part}.{axis}" for part in ("force", "torque") for axis in "xyz"]
+    w = np.column_stack([group.numbers[path] for path in paths])
+    return [w, np.full(len(w), group.texts["header.frame_id"], dtype=object)]
+
+
+def _impedances(group: Group, _robot: Robot) -> Columns:
+    """Return M, D, K of the impedance, clips of springs (N, 38), by name; 0 what one has not."""
+    names = SPRINGS if SPRINGS[-1] in group.texts["name"] else IMPEDANCE
+    (values,) = joint_rows(group, names, ("position",))
+    rows = np.zeros((len(values), len(ACTING)))
+    rows[:, [ACTING.index(name) for name in names]] = values
+    return [rows]
+
+
+def _frames(group: Group, robot: Robot) -> Columns:
+    """Return the columns of :class:`Frames` of set-points; p is NaN where one is not valid.
 
     Raises:
         InvalidMessageError: if they are of other frames.
     """
     texts = group.texts
-    if texts["header.frame_id"] != base_frame or texts["joint_names"] != [tip_frame]:
+    if texts["header.frame_id"] != robot.base_frame or texts["joint_names"] != [robot.tip_frame]:
         raise InvalidMessageError(
             f"it is for {texts['joint_names']} in '{texts['header.frame_id']}'; expected "
-            f"['{tip_frame}'] in '{base_frame}'"
+            f"['{robot.tip_frame}'] in '{robot.base_frame}'"
         )
 
     def vector(path: str, axes: str = "xyz") -> Array:
@@ -169,449 +143,293 @@ def frame_rows(group: Group, base_frame: str, tip_frame: str) -> list[Array]:
     norm[~(np.abs(norm - 1) <= QUATERNION_NORM_TOLERANCE)] = np.nan
     xyzw = xyzw / norm[:, None]
     eta: Any = xyzw[:, 3]
-    return [
-        vector("transforms[0].translation"),
-        EulerParameters(eta, xyzw[:, :3]).R,
-        vector("velocities[0].linear"),
-        vector("velocities[0].angular"),
-        vector("accelerations[0].linear"),
-        vector("accelerations[0].angular"),
-    ]
+    p, R = vector("transforms[0].translation"), EulerParameters(eta, xyzw[:, :3]).R
+    parts = [f"{kind}[0].{of}" for kind in ("velocities", "accelerations") for of in _TWIST]
+    rates = list(map(vector, parts))
+    p[~np.all([_finite(column) for column in (R, *rates)], axis=0)] = np.nan
+    return [p, R, *rates]
 
 
-def finite(values: Iterable[NDArray[Any]]) -> NDArray[np.bool_]:
-    """Return whether all numbers of a row are finite (N,)."""
-    rows = (column.reshape(len(column), -1) for column in values)
-    return np.all([np.isfinite(row).all(axis=1) for row in rows], axis=0)
+_TWIST = "linear", "angular"
 
 
-class RecordedArm(Protocol):
-    """What a topic needs of its arm."""
+def _finite(column: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return in which rows (N,) all numbers are finite."""
+    found: NDArray[np.bool_] = np.isfinite(column.reshape(len(column), -1)).all(axis=1)
+    return found
 
-    robot: Robot
-    namespace: str
-    others: set[str]
-    topics: dict[str, str]
+
+def _differ(one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return in which rows (N,) two arrays differ; NaN is equal to NaN."""
+    same = (one == other) | ((one != one) & (other != other))
+    differ: NDArray[np.bool_] = ~same.reshape(len(one), -1).all(axis=1)
+    return differ
+
+
+# --- topics --------------------------------------------------------------------------------------
+class Kind(NamedTuple):
+    """A topic whose messages are looked at by their stamps.
+
+    Attributes:
+        type: of its messages.
+        columns: makes columns of messages of one layout; a row counts if the first is finite.
+        is_steady: whether it goes on for as long as joint_states do.
+    """
+
+    type: str
+    columns: Callable[[Group, Robot], Columns]
+    is_steady: bool = True
+
+
+_JOINT_STATE = "sensor_msgs/msg/JointState"
+_WRENCH = "geometry_msgs/msg/WrenchStamped"
+_TRAJECTORY = "trajectory_msgs/msg/MultiDOFJointTrajectory"
+
+TIMED: Mapping[str, Kind] = {
+    "joint_states": Kind(_JOINT_STATE, _motion),
+    "joint_reference": Kind(_JOINT_STATE, _motion),
+    "joint_effort": Kind(_JOINT_STATE, _efforts),
+    "wrench": Kind(_WRENCH, _wrenches),
+    "target_wrench": Kind(_WRENCH, _wrenches, is_steady=False),  # who sends it may end it
+    "impedance": Kind(_JOINT_STATE, _impedances, is_steady=False),  # once a second
+    "desired": Kind(_TRAJECTORY, _frames, is_steady=False),  # none while a fault lasts
+    "compliant_frame": Kind(_TRAJECTORY, _frames),
+}
+"""By the names of the topics, without a namespace."""
+
+TYPES: Mapping[str, str] = {
+    **{name: kind.type for name, kind in TIMED.items()},
+    "reference": _TRAJECTORY,
+    "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "robot_description": "std_msgs/msg/String",
+}
+"""Of all topics that are read of a bag."""
 
 
 class RecordedTopic:
-    """Messages of a topic, decoded in batches.
+    """Messages of a topic, decoded in batches while the bag is read.
 
     Args:
         bag: the bag.
-        arm: of which the topic is.
+        topic: its name in the bag.
+        robot: of the arm.
+        columns: see :class:`Kind`.
 
     Attributes:
-        name: of the topic, without a namespace.
-        type: of its messages.
-        is_timed: whether each part of a run has the rows of its time.
-        is_steady: whether it goes on for as long as joint_states do.
-        is_lasting: whether a message counts until the next one.
-        field: of the recording that has them; "": they are among its ``others``, by name.
         invalid: how many messages were not valid.
         repeated: how many had the stamp of another one, but not its values.
-        jumped: when the message was sent [ns] at which the stamps jump back; None if they do not.
-        latest: largest stamp [ns] so far; -1 if there is none.
+        first, latest: the first and the largest stamp [ns] so far; ``LATEST`` and -1 without one.
+        rows: those that are valid; None if there are none.
     """
 
-    registry: ClassVar[dict[str, type["RecordedTopic"]]] = {}
-    name: ClassVar[str] = ""
-    type: ClassVar[str] = ""
-    is_timed: ClassVar[bool] = True
-    is_steady: ClassVar[bool] = True
-    is_lasting: ClassVar[bool] = False
-    field: ClassVar[str] = ""
-
-    def __init_subclass__(cls) -> None:
-        """Register a topic by its name."""
-        if cls.name:
-            RecordedTopic.registry[cls.name] = cls
-
-    def __init__(self, bag: Bag, arm: RecordedArm) -> None:
-        self._bag, self._robot = bag, arm.robot
-        self._topic = arm.topics[self.name]
-        self._raw: tuple[list[int], list[bytes]] = [], []  # when they were sent, and what
-        self._bytes = 0
-        self._columns: list[Column] = []  # stamp, sent, and the values
-        self._is_ordered = True
-        self._landmarks = np.zeros(0, np.int64)
+    def __init__(
+        self, bag: Bag, topic: str, robot: Robot, columns: Callable[[Group, Robot], Columns]
+    ) -> None:
+        self._bag, self._topic, self._robot, self._columns = bag, topic, robot, columns
+        self._sent: list[int] = []
+        self._data: list[bytes] = []
+        self._parts: list[Columns] = []  # stamp, sent, and the values
         self.invalid = self.repeated = 0
-        self.latest = -1
-        self.jumped: int | None = None
-
-    def rows_of(self, group: Group) -> Columns:
-        """Return the columns of messages of one layout; raises InvalidMessageError."""
-        raise NotImplementedError
-
-    def is_valid(self, values: Columns) -> NDArray[np.bool_]:
-        """Return which rows (N,) are of numbers that can be used."""
-        return finite(values)
-
-    def series(self, rows: Rows, t: Array, desired: Frames) -> Any:
-        """Return what a recording has of rows (N,), given their times [s] and desired frames."""
-        return t, *rows.values
-
-    def groups(self, sent: Stamps, messages: Sequence[bytes]) -> Iterator[tuple[Group, Stamps]]:
-        """Yield messages of one layout each, and when [ns] they were sent."""
-        for group in columns(self._bag.schema(self._topic), messages):
-            yield group, sent[group.index]
-
-    def parse(self, sent: Stamps, messages: Sequence[bytes]) -> tuple[list[Columns], int]:
-        """Return stamp, sent and values of messages, and how many of them are valid."""
-        found = []
-        for group, times in self.groups(sent, messages):
-            try:
-                values, stamp = self.rows_of(group), stamps_of(group)
-            except _NOT_OF_ITS_TYPE:
-                continue
-            good = self.is_valid(values)
-            found.append([column[good] for column in (stamp, times, *values)])
-        return found, sum(len(stamp) for stamp, *_ in found)
-
-    def message(self, sent: int, data: bytes) -> Any:
-        """Return the fields of a message; raises BagError."""
-        return self._bag.decode(RawMessage(self._topic, sent, sent, data))
+        self.first, self.latest = LATEST, -1
+        self.rows: Rows | None = None
 
     def add(self, messages: Messages) -> None:
         """Take messages."""
-        sent, data = self._raw
-        sent += [published or logged for _, logged, published, _ in zip(*messages, strict=True)]
-        data += messages.data
-        self._bytes += sum(map(len, messages.data))
-        if len(data) >= _BATCH or self._bytes >= _BYTES:
-            self.decode()
+        times = zip(messages.publish_times, messages.log_times, strict=True)
+        self._sent += [published or logged for published, logged in times]
+        self._data += messages.data
+        if len(self._data) >= _BATCH:
+            self._decode()
 
-    def decode(self) -> None:
-        """Decode what was read."""
-        (sent, data), self._raw, self._bytes = self._raw, ([], []), 0
-        found, valid = self.parse(np.array(sent), data) if data else ([], 0)
-        self.invalid += len(data) - valid
-        if not found:
-            return
-        new = [np.concatenate(parts) for parts in zip(*found, strict=True)]
-        order = np.argsort(new[1], kind="stable")
-        self._append([column[order] for column in new])
+    def _decode(self) -> None:
+        sent, data = np.array(self._sent, dtype=np.int64), self._data
+        self._sent, self._data = [], []
+        found = list(self._parse(sent, data))
+        self.invalid += len(data) - sum(len(stamp) for stamp, *_ in found)
+        for stamp, *_ in found:
+            if self.first == LATEST and len(stamp):
+                self.first = int(stamp[0])
+            self.latest = max(self.latest, int(stamp.max(initial=-1)))
+        self._parts += found
 
-    def _append(self, new: Columns) -> None:
-        """Take rows in the order of sending; note where the clock, or the simulator, restarted."""
-        stamp, sent = new[:2]
-        self._columns = self._columns or list(map(Column, new))
-        for column, rows in zip(self._columns, new, strict=True):
-            column.append(rows)
-        before = np.maximum.accumulate(np.concatenate(([self.latest], stamp)))
-        back = np.flatnonzero(stamp < before[:-1] - _BACK)
-        if self.jumped is None and len(back):
-            self.jumped = int(sent[back[0]])
-        self._is_ordered &= bool((stamp > before[:-1]).all())
-        self.latest = int(before[-1])
+    def _parse(self, sent: Stamps, messages: Sequence[bytes]) -> Iterator[Columns]:
+        """Yield stamp, sent and values of the messages that are valid."""
+        for group in columns(self._bag.schema(self._topic), messages):
+            try:
+                values, stamp = self._columns(group, self._robot), stamps_of(group)
+            except _NOT_OF_ITS_TYPE:
+                continue
+            good = _finite(values[0])
+            yield [column[good] for column in (stamp, sent[group.index], *values)]
 
-    def settle(self, until: int = LATEST) -> None:
-        """Put the rows in order, without those sent at a time [ns] or later."""
-        if not self._columns:
-            return
-        if not self._is_ordered or until < LATEST:
-            self._rewrite(self._order(until))
-        count = len(self._columns[0])
-        marks = (self._columns[0].rows(k, k + 1) for k in range(0, count, _STRIDE))
-        self._landmarks = np.concatenate([np.zeros(0, np.int64), *marks])
+    def _message(self, sent: int, data: bytes) -> Any:
+        """Return the fields of a message; raises BagError."""
+        return self._bag.decode(RawMessage(self._topic, sent, sent, data))
 
-    def _order(self, until: int) -> NDArray[np.intp]:
-        """Return the places of the rows in order: by stamp, the first of each; counts the others.
+    def finish(self) -> None:
+        """Decode the rest, and join all in the order of sending."""
+        if self._data:
+            self._decode()
+        if self._parts:
+            stamp, sent, *values = map(np.concatenate, zip(*self._parts, strict=True))
+            self._parts = []
+            rows = Rows(stamp, sent, tuple(values)).take(np.argsort(sent, kind="stable"))
+            self.rows = rows if len(rows) else None
+
+    def jump(self) -> int:
+        """Return when the message was sent [ns] at which the clock jumped back; else LATEST."""
+        if self.rows is None:
+            return LATEST
+        latest = np.maximum.accumulate(np.append(-1, self.rows.stamp))[:-1]
+        back = np.flatnonzero(self.rows.stamp < latest - _BACK)
+        return int(self.rows.sent[back[0]]) if len(back) else LATEST
+
+    def settle(self, until: int) -> None:
+        """Put the rows in order, without those sent at a time [ns] or later.
 
         A robot that waits in lock-step sends a state again: that is no loss.
         """
-        stamp, sent = (column.rows(0, len(column)) for column in self._columns[:2])
-        before = sent < until
+        if self.rows is None:
+            return
+        stamp, before = self.rows.stamp, np.ones(len(self.rows), dtype=bool)
         if until < LATEST:  # after a restart others may speak before the states do
+            before = self.rows.sent < until
             before &= stamp >= np.maximum.accumulate(stamp) - _BACK
-        kept = np.flatnonzero(before)
-        _, first, which = np.unique(stamp[kept], return_index=True, return_inverse=True)
-        others = np.setdiff1d(np.arange(len(kept)), first)
-        for k in range(0, len(others), _STRIDE):
-            some = others[k : k + _STRIDE]
-            pairs = kept[some], kept[first[which[some]]]
-            differ = [_differ(*map(column.take, pairs)) for column in self._columns[2:]]
-            self.repeated += int(np.any(differ, axis=0).sum())
-        return kept[first]
-
-    def _rewrite(self, order: NDArray[np.intp]) -> None:
-        for place, old in enumerate(self._columns):
-            self._columns[place] = new = Column(old.rows(0, 0))
-            for k in range(0, len(order), _STRIDE):
-                new.append(old.take(order[k : k + _STRIDE]))
-
-    def __len__(self) -> int:
-        return len(self._columns[0]) if self._columns else 0
-
-    def rows(self, begin: int = 0, end: int | None = None) -> Rows:
-        """Return the rows from one to before another; once they are settled."""
-        end = len(self) if end is None else end
-        stamp, sent, *values = (column.rows(begin, end) for column in self._columns)
-        return Rows(stamp, sent, tuple(values))
-
-    def times(self) -> tuple[Stamps, Stamps]:
-        """Return stamp and time of sending (N,) [ns] of all rows."""
-        if not self._columns:
-            return np.zeros(0, np.int64), np.zeros(0, np.int64)
-        stamp, sent = (column.rows(0, len(self)) for column in self._columns[:2])
-        return stamp, sent
-
-    def stamp(self, place: int) -> int:
-        """Return the stamp [ns] of a row."""
-        return int(self._columns[0].rows(place, place + 1)[0])
-
-    def after(self, stamp: int) -> int:
-        """Return the place behind the last row up to a stamp [ns]."""
-        near = int(np.searchsorted(self._landmarks, stamp, side="right"))
-        if not near:
-            return 0
-        begin = (near - 1) * _STRIDE
-        stamps = self._columns[0].rows(begin, min(begin + _STRIDE, len(self)))
-        return begin + int(np.searchsorted(stamps, stamp, side="right"))
+        kept = self.rows.take(before)
+        _, first, which = np.unique(kept.stamp, return_index=True, return_inverse=True)
+        self.rows = kept.take(first) if len(first) else None
+        pairs = ((column, column[first[which]]) for column in kept.values)
+        self.repeated = int(np.any([_differ(*pair) for pair in pairs], axis=0).sum())
 
 
-class JointStates(RecordedTopic):
-    """q and dq of the arm (N, n); velocities may be missing."""
+@dataclass(frozen=True)
+class RecordedReferences:
+    """K references in the order in which they were sent.
 
-    name = "joint_states"
-    type = "sensor_msgs/msg/JointState"
-    field = "measured"
-    fields: ClassVar[tuple[str, ...]] = ("position", "velocity")
+    Attributes:
+        sent: (K,) [ns].
+        start: (K,) [ns] when they begin; ``NO_START`` is at the first tick after they were sent.
+        frames: the first frame of each; a set-point has no other.
+        trajectories: those that are no set-points, by place.
+    """
 
-    def rows_of(self, group: Group) -> Columns:
-        """See RecordedTopic."""
-        return [*joint_rows(group, self._robot.joints, self.fields)]
-
-    def is_valid(self, values: Columns) -> NDArray[np.bool_]:
-        """See RecordedTopic."""
-        return finite(values[:1])
-
-    def series(self, rows: Rows, t: Array, desired: Frames) -> Any:
-        """See RecordedTopic."""
-        q, dq = rows.values
-        return Series(self._robot, t, q, dq, desired)
+    sent: Stamps
+    start: Stamps
+    frames: Frames = field(repr=False)
+    trajectories: Mapping[int, Trajectory] = field(repr=False)
 
 
-class JointReferences(JointStates):
-    """Commanded positions and velocities."""
-
-    name = "joint_reference"
-    field = "command"
-
-
-class JointEfforts(JointStates):
-    """Commanded efforts (N, n)."""
-
-    name = "joint_effort"
-    field = "effort"
-    fields = ("effort",)
-
-    def series(self, rows: Rows, t: Array, desired: Frames) -> Any:
-        """See RecordedTopic."""
-        return Efforts(t, *rows.values)
-
-
-class SensedWrenches(RecordedTopic):
-    """Force and moment (N, 6), and numbers of the frames that they are in."""
-
-    name = "wrench"
-    type = "geometry_msgs/msg/WrenchStamped"
-    field = "sensed"
-
-    def __init__(self, bag: Bag, arm: RecordedArm) -> None:
-        super().__init__(bag, arm)
-        self._frames: dict[str, int] = {}
-
-    def rows_of(self, group: Group) -> Columns:
-        """See RecordedTopic."""
-        paths = [f"wrench.{part}.{axis}" for part in ("force", "torque") for axis in "xyz"]
-        w = np.column_stack([group.numbers[path] for path in paths])
-        frame = self._frames.setdefault(group.texts["header.frame_id"], len(self._frames))
-        return [w, np.full(len(w), frame)]
-
-    def series(self, rows: Rows, t: Array, desired: Frames) -> Any:
-        """See RecordedTopic."""
-        w, frame = rows.values
-        return SensorSeries(t, w, np.array([*self._frames], dtype=object)[frame])
-
-
-class TargetWrenches(SensedWrenches):
-    """What the tool is to exert: force and moment (N, 6), and the frames that they are in."""
-
-    name = "target_wrench"
-    is_steady = False  # who sends it may end it
-    field = "targets"
-
-
-class PublishedImpedance(RecordedTopic):
-    """M, D, K of the impedance, clips of springs (N, 38), by name; 0 what one has not."""
-
-    name = "impedance"
-    is_steady = False  # once a second while it stays the same
-    is_lasting = True
-    type = "sensor_msgs/msg/JointState"
-    field = "acting"
-
-    def rows_of(self, group: Group) -> Columns:
-        """See RecordedTopic."""
-        names = SPRINGS if SPRINGS[-1] in group.texts["name"] else IMPEDANCE
-        (values,) = joint_rows(group, names, ("position",))
-        rows = np.zeros((len(values), len(ACTING)))
-        rows[:, [ACTING.index(name) for name in names]] = values
-        return [rows]
-
-    def series(self, rows: Rows, t: Array, desired: Frames) -> Any:
-        """See RecordedTopic."""
-        return ActingImpedance(t, *rows.values)
-
-
-class ShapedFrames(RecordedTopic):
-    """The columns of :class:`Frames`."""
-
-    name = "desired"
-    is_steady = False  # none while a fault lasts
-    type = "trajectory_msgs/msg/MultiDOFJointTrajectory"
-    field = "shaped"
-
-    def rows_of(self, group: Group) -> Columns:
-        """See RecordedTopic."""
-        return [*frame_rows(group, self._robot.base_frame, self._robot.tip_frame)]
-
-    def series(self, rows: Rows, t: Array, desired: Frames) -> Any:
-        """See RecordedTopic."""
-        return ShapedMotion(t, desired, Frames(*rows.values))
-
-
-class CompliantFrames(ShapedFrames):
-    """The compliant frame."""
-
-    name = "compliant_frame"
-    is_steady = True
-    field = "compliant"
-
-    def series(self, rows: Rows, t: Array, desired: Frames) -> Any:
-        """See RecordedTopic."""
-        return CompliantMotion(t, Frames(*rows.values), desired)
-
-
-class SentReferences(ShapedFrames):
+class SentReferences(RecordedTopic):
     """Start and first frame of references, in the order of sending.
 
     Attributes:
         trajectories: of those that are no set-points, by the time of sending [ns].
     """
 
-    name = "reference"
-    is_timed = False
-
-    def __init__(self, bag: Bag, arm: RecordedArm) -> None:
-        super().__init__(bag, arm)
+    def __init__(self, bag: Bag, topic: str, robot: Robot) -> None:
+        super().__init__(bag, topic, robot, _frames)
         self.trajectories: dict[int, Trajectory] = {}
 
-    def parse(self, sent: Stamps, messages: Sequence[bytes]) -> tuple[list[Columns], int]:
-        """Return start, time of sending and first frame of references."""
-        found: list[Columns] = []
-        for group, times in self.groups(sent, messages):
+    def _parse(self, sent: Stamps, messages: Sequence[bytes]) -> Iterator[Columns]:
+        """Yield start, time of sending and first frame of references."""
+        for group in columns(self._bag.schema(self._topic), messages):
             try:
-                is_simple = is_set_point(group) and not _later(group).any()
-                values = self.rows_of(group) if is_simple else []
+                is_simple = _is_set_point(group) and not _later(group).any()
+                values = self._columns(group, self._robot) if is_simple else []
                 stamp = stamps_of(group)
             except _NOT_OF_ITS_TYPE:
                 continue
             if is_simple:
-                good, starts = self.is_valid(values), np.where(stamp > 0, stamp, NO_START)
-                found.append([column[good] for column in (starts, times, *values)])
+                good, starts = _finite(values[0]), np.where(stamp > 0, stamp, NO_START)
+                yield [column[good] for column in (starts, sent[group.index], *values)]
                 continue
-            for index, at in zip(group.index.tolist(), times.tolist(), strict=True):
-                found += self._one(at, messages[index])
-        return found, sum(len(starts) for starts, *_ in found)
+            for index in group.index.tolist():
+                yield from self._one(int(sent[index]), messages[index])
 
-    def _one(self, sent: int, data: bytes) -> list[Columns]:
+    def _one(self, sent: int, data: bytes) -> Iterator[Columns]:
         frames = self._robot.base_frame, self._robot.tip_frame
         try:
-            motion, start = motion_from_ros(self.message(sent, data), *frames, 0.0)
+            motion, start = motion_from_ros(self._message(sent, data), *frames, 0.0)
         except (InvalidMessageError, BagError):
-            return []  # the controller refused it too
+            return  # the controller refused it too
         if not isinstance(motion, SetPoint):
             self.trajectories[sent] = motion
         times = np.array([start or NO_START]), np.array([sent])
-        return [[*times, *Frames.of([motion.frames[0]]).columns]]
+        yield [*times, *Frames.of([motion.frames[0]]).columns]
 
-    def settle(self, until: int = LATEST) -> None:
-        """See RecordedTopic."""
-        self._is_ordered = False
-        super().settle(until)
+    def settle(self, until: int) -> None:
+        """Drop those sent at a time [ns] or later."""
+        if self.rows is not None:
+            self.rows = self.rows.take(self.rows.sent < until)
 
-    def _order(self, until: int) -> NDArray[np.intp]:
-        """Return the places of the rows in the order of sending."""
-        _, sent = self.times()
-        order = np.argsort(sent, kind="stable")
-        return order[sent[order] < until]
+    def references(self, starts: Mapping[int, int]) -> RecordedReferences:
+        """Return all of them.
 
-    def frames(self, index: NDArray[np.intp]) -> Frames:
-        """Return the first frames of some of them."""
-        return Frames(*(column.take(index) for column in self._columns[2:]))
-
-
-class Diagnostics(RecordedTopic):
-    """Reports of the nodes, and when references began.
-
-    Attributes:
-        reports: of the nodes.
-        began: stamps [ns] at which references began, by the time of sending of the news.
-    """
-
-    name = "diagnostics"
-    type = "diagnostic_msgs/msg/DiagnosticArray"
-    is_timed = False
-
-    def __init__(self, bag: Bag, arm: RecordedArm) -> None:
-        super().__init__(bag, arm)
-        self._namespace, self._others = arm.namespace, arm.others
-        self.reports = Reports(arm.topics.get(ShapedFrames.name, "").rpartition("/")[0])
-        self.began: dict[int, int] = {}
-        self._begins: set[str] = set()
-
-    def parse(self, sent: Stamps, messages: Sequence[bytes]) -> tuple[list[Columns], int]:
-        """Keep the reports; there are no rows."""
-        valid = 0
-        for at, data in zip(sent.tolist(), messages, strict=True):
-            try:
-                decoded = self.message(at, data)
-            except BagError:
-                continue
-            valid += 1
-            for status in decoded.status:
-                of = f"/{status.name.lstrip('/')}".rpartition("/")[0]
-                if of == self._namespace:
-                    self._note(status, at)
-                if not any(_is_of(other, of) for other in self._others):
-                    self.reports.add(status, at)
-        return [], valid
-
-    def _note(self, status: Any, sent: int) -> None:
-        for value in status.values:
-            if value.key == BEGAN and value.value not in self._begins and _is_stamp(value.value):
-                self._begins.add(value.value)
-                self.began[sent] = int(value.value)
-
-    def settle(self, until: int = LATEST) -> None:
-        """Forget what was sent at a time [ns] or later."""
-        self.reports.drop_after(until)
-        self.began = {sent: stamp for sent, stamp in self.began.items() if sent < until}
+        Args:
+            starts: see ``reference_starts``.
+        """
+        if self.rows is None:
+            none = Rows.none()
+            return RecordedReferences(none.sent, none.stamp, Frames.nowhere(0), {})
+        sent, start = self.rows.sent, self.rows.stamp.copy()
+        for stamp, reported in starts.items():
+            before = int(np.searchsorted(sent, reported, side="right"))
+            if before:
+                start[before - 1] = stamp
+        found = {
+            k: motion
+            for at, motion in self.trajectories.items()
+            for k in np.flatnonzero(sent == at).tolist()
+        }
+        return RecordedReferences(sent, start, Frames(*self.rows.values), found)
 
 
-def _is_of(arm: str, namespace: str) -> bool:
-    """Return whether what is in a namespace is of an arm; one without has only what is in none."""
-    return namespace == arm or (arm != "" and namespace.startswith(f"{arm}/"))
-
-
-def _is_stamp(text: str) -> bool:
-    """Return whether a text is a time [ns] as stamps have it."""
-    return text.isascii() and text.isdecimal() and len(text) <= 19 and int(text) < LATEST
+def _is_set_point(group: Group) -> bool:
+    """Whether messages have one point with one transform and at most one twist of each kind."""
+    texts = group.texts
+    if texts.get("points") != 1 or texts["points[0].transforms"] != 1:
+        return False
+    return bool(max(texts["points[0].velocities"], texts["points[0].accelerations"]) <= 1)
 
 
 def _later(group: Group) -> NDArray[np.bool_]:
     """Return which set-points are to be reached later (N,)."""
     seconds = group.numbers["points[0].time_from_start.sec"]
     return (seconds > 0) | (group.numbers["points[0].time_from_start.nanosec"] > 0)
+
+
+class Diagnostics:
+    """The statuses of the nodes of an arm.
+
+    Args:
+        bag, topic: as of :class:`RecordedTopic`.
+        others: namespaces of other arms in the bag.
+
+    Attributes:
+        statuses: when [ns] each DiagnosticStatus was sent, and the status.
+        invalid, repeated: as of :class:`RecordedTopic`.
+    """
+
+    def __init__(self, bag: Bag, topic: str, others: set[str]) -> None:
+        self._bag, self._topic, self._others = bag, topic, others
+        self.statuses: list[tuple[int, Any]] = []
+        self.invalid = self.repeated = 0
+
+    def add(self, messages: Messages) -> None:
+        """Take messages."""
+        for _, logged, published, data in zip(*messages, strict=True):
+            sent = published or logged
+            try:
+                decoded = self._bag.decode(RawMessage(self._topic, logged, sent, data))
+            except BagError:
+                self.invalid += 1
+                continue
+            for status in decoded.status:
+                of = namespace_of(status)
+                if not any(_is_of(other, of) for other in self._others):
+                    self.statuses.append((sent, status))
+
+
+def _is_of(arm: str, namespace: str) -> bool:
+    """Return whether what is in a namespace is of an arm; one without has only what is in none."""
+    return namespace == arm or (arm != "" and namespace.startswith(f"{arm}/"))

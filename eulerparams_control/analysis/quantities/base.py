@@ -114,13 +114,11 @@ class Metric(NamedTuple):
         compute: from a recording.
         unit: of the number; "" if it has none.
         description: in words.
-        of_parts: makes the number of a run from those of its parts.
     """
 
     compute: Callable[..., float]
     unit: str
     description: str
-    of_parts: Callable[[list[float]], float] = max
 
 
 class TableNumber(NamedTuple):
@@ -184,18 +182,13 @@ def row(place: float, title: str, metric: str, needs: str = "", **options: str) 
 
 
 def metric(
-    unit: str,
-    *,
-    name: str = "",
-    text: str = "",
-    of_parts: Callable[[list[float]], float] = max,
+    unit: str, *, name: str = "", text: str = ""
 ) -> Callable[[Callable[..., float]], Callable[..., float]]:
     """Register a function as a metric; its name and its first doc line are those of the metric.
 
     Args:
         unit: of the number.
         name, text: instead, of a function that has none.
-        of_parts: see :class:`Metric`.
     """
 
     def register(function: Callable[..., float]) -> Callable[..., float]:
@@ -203,7 +196,7 @@ def metric(
         quiet = np.errstate(over="ignore", invalid="ignore")  # of a run that diverged
         if (called := name or function.__name__) in METRICS:
             raise ValueError(f"there is a metric {called} already")
-        METRICS[called] = Metric(quiet(function), unit, description, of_parts)
+        METRICS[called] = Metric(quiet(function), unit, description)
         return function
 
     return register
@@ -249,11 +242,10 @@ def reduced(
 
     def register(samples: Callable[..., Samples]) -> Callable[..., Samples]:
         for take, name in named.items():
-            text, reduction, of_parts = _REDUCTIONS[take]
+            text, reduction = _REDUCTIONS[take]
             said = text.format(words)
-            number = _number(samples, reduction, vectors)
             said = said[0].upper() + said[1:]
-            metric(unit, name=name, text=said, of_parts=of_parts)(number)
+            metric(unit, name=name, text=said)(_number(samples, reduction, vectors))
         return samples
 
     return register
@@ -297,15 +289,11 @@ def _scalars(y: Array, axis: Axis) -> Array:
     return along(y, axis) if y.ndim > 1 else y
 
 
-def _last(parts: list[float]) -> float:
-    return parts[-1]
-
-
-_REDUCTIONS: Mapping[str, tuple[str, Callable[..., float], Callable[[list[float]], float]]] = {
-    "peak": ("largest {}", _over(lambda y: np.abs(y).max()), max),
-    "least": ("smallest {}", _over(np.min), min),
-    "rms": ("root mean square of the {}", _over(lambda y: math.sqrt(np.mean(y**2))), max),
-    "final": ("{} at the end", _final, _last),
+_REDUCTIONS: Mapping[str, tuple[str, Callable[..., float]]] = {
+    "peak": ("largest {}", _over(lambda y: np.abs(y).max())),
+    "least": ("smallest {}", _over(np.min)),
+    "rms": ("root mean square of the {}", _over(lambda y: math.sqrt(np.mean(y**2)))),
+    "final": ("{} at the end", _final),
 }
 
 
@@ -349,7 +337,7 @@ def needed(recording: Recording, name: str) -> Any:
     return value
 
 
-def told[P: ControlParameters](recording: Recording, kind: type[P]) -> P:
+def controller_parameters[P: ControlParameters](recording: Recording, kind: type[P]) -> P:
     """Return the parameters of the controller; raises BagError if none of that kind ran."""
     found = recorded(recording.parameters, kind)
     if found is None:

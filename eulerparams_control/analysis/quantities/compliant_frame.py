@@ -23,6 +23,7 @@ from eulerparams_control.analysis.quantities.base import (
     Samples,
     along,
     compared,
+    controller_parameters,
     drawn,
     known,
     mean_at_end,
@@ -31,7 +32,6 @@ from eulerparams_control.analysis.quantities.base import (
     quotient,
     reduced,
     row,
-    told,
     within,
 )
 from eulerparams_control.analysis.quantities.contact import GROUP, lengths
@@ -71,7 +71,7 @@ def displacement(recording: Recording) -> Samples:
 def compliant_speed(recording: Recording) -> Samples:
     """Return the speed [mm/s] of the compliant frame."""
     compliant: CompliantMotion = needed(recording, "compliant")
-    return compliant.t, 1e3 * compliant.speed
+    return compliant.t, 1e3 * np.linalg.norm(compliant.frames.dp, axis=1)
 
 
 @metric("deg")
@@ -141,7 +141,7 @@ def guided_distance(recording: Recording, axis: Axis = (), before: float = math.
     With an axis, in the base frame, its component.
     """
     compliant: CompliantMotion = needed(recording, "compliant")
-    p_c = compliant.p_c[within(compliant.t, 0.0, before)]
+    p_c = compliant.frames.p[within(compliant.t, 0.0, before)]
     return 1e3 * float(along(p_c[-1] - p_c[0], axis))
 
 
@@ -153,7 +153,7 @@ def force_residual(recording: Recording, after: float = 0.0, before: float = mat
     that was recorded; without dead band and low-pass it is rounding.  While a force is exerted
     (52) is not the law: those instants are left out.
     """
-    run, parameters = _impedance(recording), told(recording, ImpedanceParameters)
+    run, parameters = _impedance(recording), controller_parameters(recording, ImpedanceParameters)
     with parameters_to_blame(parameters.scheme.name):
         Z, _ = impedances(run.motion.t, parameters, recording.acting)
     left = translational_residual(run.motion, run.f, Z, parameters.translational_frame)
@@ -169,7 +169,7 @@ def moment_residual(recording: Recording, after: float = 0.0, before: float = ma
     accelerations of the compliant frame that was recorded; without dead band and low-pass it is
     rounding, however the desired frame turns.
     """
-    run, parameters = _impedance(recording), told(recording, ImpedanceParameters)
+    run, parameters = _impedance(recording), controller_parameters(recording, ImpedanceParameters)
     if (used := parameters.orientation) != "euler_parameters":
         raise BagError(f"{recording.path}: (59) is of euler_parameters, not {used}")
     with parameters_to_blame(parameters.scheme.name):

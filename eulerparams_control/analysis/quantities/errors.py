@@ -24,7 +24,7 @@ from eulerparams_control.analysis.quantities.base import (
     series_of,
 )
 from eulerparams_control.analysis.recording import Recording
-from eulerparams_control.analysis.series import Frames, Series
+from eulerparams_control.analysis.series import Frames, Series, comparable
 from eulerparams_control.errors import BagError, UnknownNameError
 
 
@@ -79,10 +79,13 @@ def position_error(recording: Recording, of: str = "leading", against: str = "de
 @reduced({"peak": "servo_lag"}, "deg", "angle of a joint between command and measurement")
 def servo_lag(recording: Recording) -> Samples:
     """Return the largest angle [deg] of a joint between command and measurement."""
-    t, lag = recording.servo_lag
-    if not len(lag):
+    command, measured, joints = recording.command, recording.measured, comparable(recording.robot)
+    own = np.zeros(0) if command is None else command.t
+    t, i, j = np.intersect1d(own, measured.t, return_indices=True)
+    if command is None or not len(t):
         raise BagError(f"{recording.path} has no joint_reference with a stamp of its joint_states")
-    return t, np.degrees(lag)
+    lag = np.abs(command.q[i] - measured.q[j])[:, joints]
+    return t, np.degrees(lag.max(axis=1))
 
 
 @metric("s")

@@ -20,6 +20,7 @@ from eulerparams_control.analysis.quantities.base import (
     within,
 )
 from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.series import comparable
 from eulerparams_control.errors import BagError, UnknownNameError
 from eulerparams_control.laws.orientation import EulerSequence
 from eulerparams_control.laws.rotations import Array, angle_between
@@ -46,7 +47,7 @@ def _effort_limits(robot: Robot) -> Array:
 def effort(recording: Recording) -> Samples:
     """Return the largest commanded effort [Nm] of a joint."""
     efforts = needed(recording, "effort")
-    return efforts.t, efforts.largest
+    return efforts.t, np.abs(efforts.tau).max(axis=1)
 
 
 @drawn(
@@ -57,9 +58,9 @@ def effort(recording: Recording) -> Samples:
 )  # fmt: skip
 @reduced("joint_speed", "rad/s", "joint speed", "peak")
 def joint_speed(recording: Recording, of: str = "leading") -> Samples:
-    """Return the largest speed [rad/s] of a joint."""
+    """Return the largest speed of a joint that turns [rad/s]; [m/s] if none does."""
     series = series_of(recording, of)
-    return series.t, series.joint_speed
+    return series.t, np.abs(series.dq[:, comparable(series.robot)]).max(axis=1)
 
 
 @reduced("tip_speed", "m/s", "speed of the tip", "peak")
@@ -117,7 +118,7 @@ def pole_distance(recording: Recording, sequence: str = "", of: str = "leading")
     if not sequence and series is recording.leading:
         return series.t, np.degrees(recording.pole_distance)
     poles = EulerSequence(sequence) if sequence else recording.sequence
-    return series.t, np.degrees(series.pole_distance(poles))
+    return series.t, np.degrees(poles.pole_distance(series.R_e))
 
 
 @drawn(
@@ -132,7 +133,7 @@ def singular_value(recording: Recording, of: str = "leading") -> Samples:
     return series.t, series.smallest_singular_value
 
 
-@metric("s", of_parts=sum)
+@metric("s")
 def saturated_time(recording: Recording, after: float = 0.0, before: float = math.inf) -> float:
     """Time with a commanded effort at its limit.
 
@@ -150,7 +151,8 @@ def orientation_travel(recording: Recording, of: str = "leading") -> float:
 
     The sum of the angles between its successive orientations.
     """
-    return math.degrees(series_of(recording, of).turns.sum())
+    R_e = series_of(recording, of).R_e
+    return math.degrees(angle_between(R_e[:-1], R_e[1:]).sum())
 
 
 @metric("")

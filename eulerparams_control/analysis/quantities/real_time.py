@@ -152,7 +152,7 @@ def memory_growth(recording: Recording, node: str) -> float:
 
 
 def _inside(recording: Recording, t: Array, values: Array) -> Samples:
-    """Return values over time within a part of a run."""
+    """Return values over time within the time that is looked at."""
     part = recording.measured.t
     some = (t >= part[0]) & (t < part[-1])
     return t[some], values[some]

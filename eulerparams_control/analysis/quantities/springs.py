@@ -13,10 +13,10 @@ import numpy as np
 from eulerparams_control.analysis.controllers import parameters_to_blame
 from eulerparams_control.analysis.quantities.base import (
     Samples,
+    controller_parameters,
     drawn,
     metric,
     quotient,
-    told,
 )
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.errors import BagError, SingularityError
@@ -46,7 +46,7 @@ def _springs(recording: Recording) -> tuple[Array, Array]:
 
 def _laws(recording: Recording) -> Callable[[int], ElasticLaw]:
     """Return what has the law that acted from a place of ~/impedance on; -1 is before the first."""
-    parameters, acting = told(recording, ComplianceParameters), recording.acting
+    parameters, acting = controller_parameters(recording, ComplianceParameters), recording.acting
     with parameters_to_blame(parameters.scheme.name):
         stated = parameters.law()
 
