@@ -87,6 +87,7 @@ NOT_CONFIGURED: tuple[tuple[dict[str, Any], str], ...] = (
 
 MISSPELT = "{fault: drop, topic: joint_state, at: 1, for: 1}"
 WRENCH = "{fault: drop, topic: wrench, at: 1, for: 1}"
+NO_FIELD = "{fault: corrupt, topic: wrench, at: 1, for: 1, value: nan, field: wrench.moment}"
 RENAMED = "{fault: nan, topic: wrench, at: 1, for: 1}"
 # An arm whose joints are slower than this stands [rad/s].
 AT_REST = 0.02
@@ -424,6 +425,7 @@ def test_a_robot_that_does_not_fit_gives_no_command_and_the_reason(
         ("fault_injector", {"faults": [MISSPELT]}, "(did you mean 'joint_states'?)"),
         ("fault_injector", {"faults": ["{fault: kill, node: clik, at: 1}"]}, "by the experiment"),
         ("fault_injector", {"faults": ["{fault: drop, topic"]}, "no YAML"),
+        ("fault_injector", {"faults": [NO_FIELD]}, "unknown field 'moment'"),
         ("fault_injector", {"faults": [RENAMED]}, "is now written 'corrupt' with value: nan"),
         ("fault_injector", {"topics": ["reference"], "faults": [WRENCH]}, "topic among the param"),
         ("fault_injector", {"topics": ["wrench"], "start_on": "reference"}, "start_on"),

@@ -15,9 +15,11 @@ YAML, ``"{fault: drop, topic: wrench, at: 1.0, for: 0.3}"``; see ``eulerparams_c
 """
 
 import sys
+from array import array
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import rclpy
 import yaml
@@ -35,6 +37,7 @@ from eulerparams_control.events import Event, tell
 from eulerparams_control.lab.faults import (
     FAULTY,
     TOPICS,
+    Corrupt,
     Duplicate,
     FaultStream,
     MessageFault,
@@ -75,10 +78,22 @@ class InjectorParameters:
             if not isinstance(fault, MessageFault):
                 raise ConfigurationError("nodes are killed by the experiment that has started them")
             known("topic among the parameter 'topics'", fault.topic, self.topics)
+            if isinstance(fault, Corrupt) and fault.field:
+                _check_field(fault.field, TYPES[fault.topic]())
         except (yaml.YAMLError, ConfigurationError) as error:
             what = "no YAML: " if isinstance(error, yaml.YAMLError) else ""
             raise ConfigurationError(f"parameter 'faults': {text!r}: {what}{error}") from error
         return fault
+
+
+def _check_field(path: str, msg: Any) -> None:
+    """Raise ConfigurationError unless a message has the field of a path such as wrench.force."""
+    for part in path.split("."):
+        fields: dict[str, str] = getattr(msg, "get_fields_and_field_types", dict)()
+        known("field", part.split("[")[0], fields)
+        msg = getattr(msg, part.split("[")[0])
+        if isinstance(msg, list | array):
+            return  # what is in it is not known before
 
 
 class FaultInjectorNode(Node):
