@@ -204,6 +204,7 @@ class ControlReport:
             SLOWED: motion.slowed,
             FROZEN: int(controller.scheme.is_frozen),
             "references ahead of joint_states [s]": motion.ahead,
+            "references that never began": motion.lost,
             SATURATED: controller.guidance.saturated,
             "states that went the long way": controller.short_way.detours,
         }
