@@ -196,10 +196,31 @@ def test_the_target_is_at_the_tip_and_is_gone_to_when_it_is_released_not_while_i
     assert sorted(control.interaction_mode for control in marker.controls) == [3] * 3 + [5] * 3
     send(clik, *DRAG[:2])
     shown = len(clik.updates)
-    clik.graph.advance(1.0)
+    for _ in range(4):
+        clik.graph.advance(0.25)
+        send(clik, Feedback.KEEP_ALIVE)
     assert max(height(clik) for _ in range(300)) < 1e-6
     assert len(clik.updates) == shown  # it stays with the mouse
     send(clik, Feedback.MOUSE_UP)
+    clik.graph.until(lambda: height(clik) > 0.999 * UP[2], "the arm at the target")
+
+
+def test_a_mouse_that_vanishes_while_it_drags_leaves_the_target_to_others(clik):
+    def goes_on(seconds):
+        before = len(clik.updates)
+        for _ in range(round(seconds / 0.1)):
+            clik.arm.tick()
+            clik.graph.advance(0.1)
+        return len(clik.updates) > before
+
+    send(clik, *DRAG[:2])
+    for _ in range(5):
+        assert not goes_on(0.7)
+        send(clik, Feedback.KEEP_ALIVE)
+    assert goes_on(1.5)
+    send(clik, Feedback.POSE_UPDATE, Feedback.MOUSE_UP)  # it was not gone after all
+    assert max(height(clik) for _ in range(300)) < 1e-6
+    send(clik, *DRAG)
     clik.graph.until(lambda: height(clik) > 0.999 * UP[2], "the arm at the target")
 
 
@@ -211,11 +232,15 @@ def test_an_impossible_target_is_rejected_and_moves_nothing(clik, bad):
 
 
 def test_a_click_moves_nothing_and_a_drag_that_began_before_a_fault_does_not_end_it(clik):
+    def dragging():
+        clik.arm.tick()
+        send(clik, Feedback.KEEP_ALIVE)
+
     send(clik, Feedback.MOUSE_DOWN, Feedback.MOUSE_UP, *DRAG[:2])
-    clik.status()
+    clik.peer.status("clik", meanwhile=dragging)
     assert height(clik) == pytest.approx(0.0, abs=1e-6)
     clik.arm.send(clik.arm.message(clik.arm.q + 1e-3))  # under the stamp of the last one
-    clik.status(lambda s: values(s)["cause"] == "stamp_stuck")
+    clik.peer.status("clik", lambda s: values(s)["cause"] == "stamp_stuck", dragging)
     clik.arm.ticks(200, dt=0.01)
     send(clik, Feedback.MOUSE_UP)
     clik.status(lambda s: "~/target/feedback rejected" in values(s))
