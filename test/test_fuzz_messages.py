@@ -7,6 +7,7 @@ what is not finite or beyond the limits, and after the storm a good message is a
 import copy
 import math
 import operator
+import tracemalloc
 from collections.abc import Callable, Iterator
 from functools import cache
 from typing import Any
@@ -17,7 +18,7 @@ from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from hypothesis import given
 from hypothesis import strategies as st
 from in_process import Running, each_once
-from ros_processes import FRAMES, MODEL, UR5, Controlled, assert_may_stay
+from ros_processes import FRAMES, MODEL, UR5, Controlled, assert_may_stay, pose, reference
 from samples import examples
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -26,6 +27,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.messages.from_ros import LARGEST, CommandReader, JointStateReader
+from eulerparams_control.motion.frames import DesiredFrame
 
 LONGEST_REFUSAL = 5000  # characters
 # A command may exceed a limit by its rounding.
@@ -222,6 +224,26 @@ def test_a_controller_survives_any_messages_and_then_holds_again(messages, node)
     assert_within_limits(command)
     assert_may_stay(command, node.arm)
     assert_unharmed(node.process)
+
+
+def test_hundreds_of_refused_messages_leave_nothing_behind(world):
+    """In the node with the most inputs; what refuses them is the same in each."""
+    node = Controlled(world, "impedance_control", PARAMETERS["impedance_control"])
+    tracemalloc.start()
+    for number in range(400):
+        names = [UR5.joints[0], *[f"joint {number} {'x' * 100}"] * 39]  # each another
+        send(node, JointState(name=names, position=[math.nan] * 40))
+        wrong = reference(DesiredFrame(*pose(UR5.home)))
+        wrong.header.frame_id = f"frame {number} {'x' * 1000}"
+        send(node, wrong)
+    ours = [tracemalloc.Filter(True, "*/eulerparams_control/*")]
+    kept = tracemalloc.take_snapshot().filter_traces(ours).statistics("filename")
+    tracemalloc.stop()
+    assert sum(one.size for one in kept) < 2**18  # bytes; all complaints are 2 MB
+    assert_may_stay(calm(node), node.arm)
+    assert node.peer.counter(node.name, "joint_states rejected") == 400
+    assert node.peer.counter(node.name, "reference rejected") == 400
+    assert len(node.status().values) < 60
 
 
 # --- reference -------------------------------------------------------------------------------

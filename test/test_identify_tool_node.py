@@ -171,9 +171,6 @@ def test_a_sensor_elsewhere_of_another_sign_on_a_wall_and_without_velocities_fin
     assert found.sign == -1
 
 
-# --- when a pose is taken --------------------------------------------------------------------
-
-
 def test_messages_that_cannot_be_used_are_counted_and_not_averaged(world):
     rig = Rig(world, poses=3)
     rig.until_said("the sensor is at tool0")

@@ -301,8 +301,6 @@ def test_with_pairing_by_stamps_a_wrench_that_stops_does_not_end_the_motion(pair
 
 
 # --- activation and tare ---------------------------------------------------------------------
-
-
 REFUSED = "a wrench above max_activation_force 5 N or max_activation_torque 0.5 Nm is felt: "
 
 

@@ -13,6 +13,8 @@ from typing import Any
 import pytest
 import yaml
 from in_process import World
+from rcl_interfaces.srv import GetParameters
+from rclpy.parameter import parameter_value_to_python
 from ros_processes import FRAMES, HOME, UR5, Arm, Process, environment
 from sensor_msgs.msg import JointState
 
@@ -469,6 +471,15 @@ raise SystemExit(service.run())
     return process
 
 
+def asked(graph: Any, node: str, *names: str) -> list[Any]:
+    """Return parameters of a node that runs."""
+    client = graph.peer.node.create_client(GetParameters, f"{node}/get_parameters")
+    graph.until(client.service_is_ready, f"the parameters of {node}")
+    answer = client.call_async(GetParameters.Request(names=list(names)))
+    graph.until(answer.done, f"the parameters of {node}")
+    return [parameter_value_to_python(value) for value in answer.result().values]
+
+
 @pytest.mark.slow
 def test_bringup_moves_the_simulated_robot_and_ctrl_c_ends_all(graph, tmp_path):
     names = "pybullet_bridge", "clik", "bag_recorder"
@@ -483,3 +494,17 @@ def test_bringup_moves_the_simulated_robot_and_ctrl_c_ends_all(graph, tmp_path):
     assert process.end() == 0
     assert process.log.count("process has finished cleanly") == len(names)
     assert (tmp_path / "bag" / "metadata.yaml").is_file()
+
+
+@pytest.mark.slow
+def test_the_nodes_of_a_real_arm_have_its_parameters_and_those_that_are_given(graph, tmp_path):
+    text = "{watchdog: {timeout: 0.1}, impedance_control: {posture: [], k_Pp: 1e3}}"
+    given = {"controller": "impedance_control", "parameters": text}
+    process = start(graph, tmp_path, "franka", ("watchdog", "impedance_control"), **given)
+    for node, expected in {
+        "watchdog": {"timeout": 0.1, "compensate_gravity": False, "tip_frame": "fr3_hand_tcp"},
+        "impedance_control": {"k_Pp": 1e3, "compensate_gravity": False, "wrench_sign": -1},
+    }.items():
+        assert asked(graph, node, *expected) == list(expected.values())
+    process.signal(signal.SIGINT)
+    assert process.end() == 0

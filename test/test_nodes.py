@@ -136,9 +136,6 @@ def test_a_change_of_a_parameter_that_is_not_possible_is_refused_and_changes_not
     assert_holds(node.arm.tick(), HOME)
 
 
-# --- limits of the efforts -------------------------------------------------------------------
-
-
 # --- reports ---------------------------------------------------------------------------------
 def test_each_state_gets_one_command_in_order_and_pose_error_and_diagnostics_report_the_loop(node):
     peer, arm = node.peer, node.arm
@@ -211,6 +208,7 @@ def test_what_is_made_of_a_trajectory_beyond_the_limits_of_the_tip_is_published_
     assert 0.8 * 0.25 / fastest < rate <= 1.01 * 0.25 / fastest
     assert f"slowed to {100 * rate:.0f} % for the limits of the tip: raise" in status.message
     assert float(values(found)["references ahead of joint_states [s]"]) == 0.0
+    assert values(found)["references that never began"] == "0"
     frames = []
     for msg in desired:
         point, stamp = motion_from_ros(msg, *FRAMES.values(), 0.0)

@@ -38,7 +38,7 @@ from eulerparams_control.parameters.watchdog import WatchdogParameters
 from eulerparams_control.resources import config_folder, config_names
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.ros.parameter_files import refuse_misspelt_sections
-from eulerparams_control.ros.parameters import declare
+from eulerparams_control.ros.parameters import declare, refuse_words
 from eulerparams_control.tool.parameters import IdentifyToolParameters
 from sim_bridge.bridge_parameters import BridgeParameters
 
@@ -316,6 +316,26 @@ def test_any_value_of_a_parameter_is_of_its_type_or_refused_by_its_name(data, ex
 
 
 # --- sections --------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("arguments", "refused"),
+    [
+        ("-p k_Pp:=fast", "'k_Pp' is 'fast', a str; expected a float"),
+        ("-p clik:enforce_limits:=maybe", "'enforce_limits' is 'maybe'"),
+        ("-p max_linear_speed:=0.05x", "'max_linear_speed'"),
+        ("-p max_linear_speed:=0,05", "'max_linear_speed' is '0,05'"),
+        ("--params-file words.yaml", "'k_Po' is 'slow'"),
+        ("-p other:k_Pp:=fast -p k_Pp:=1e-3 -p k_Po:=.5 -p orientation:=no -p x:=y", ""),
+        ("-p enforce_limits:=true --params-file none.yaml", ""),
+    ],
+)
+def test_a_word_for_a_number_is_refused_also_where_another_source_gives_a_number(
+    arguments, refused, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    Path("words.yaml").write_text("clik: {ros__parameters: {k_Pp: 100.0, k_Po: slow}}")
+    fields = fields_of(schemes()["clik"].parameters)
+    with pytest.raises(ConfigurationError, match=refused) if refused else nullcontext():
+        refuse_words("clik", fields, ["clik", "--ros-args", *arguments.split()])
 
 
 EMPTY: dict[str, Any] = {"ros__parameters": {}}
@@ -339,9 +359,6 @@ def test_a_file_for_nearly_this_node_is_refused_and_others_left_to_rcl(content, 
     words = r"did you mean 'clik'\?"
     with pytest.raises(ConfigurationError, match=words) if refused else nullcontext():
         refuse_misspelt_sections("clik", arguments)
-
-
-# --- way-points ------------------------------------------------------------------------------
 
 
 # --- files of experiments and maps ---------------------------------------------------------------

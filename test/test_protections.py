@@ -25,6 +25,7 @@ from ros_processes import (
     reference,
     values,
 )
+from samples import rodrigues
 from sensor_msgs.msg import JointState
 from tolerances import LAW_IN_A_NODE, SIMULATED_POSE
 
@@ -207,6 +208,24 @@ def test_a_kinematic_singularity_slows_the_motion_down_and_diagnostics_tell_wher
     assert LEAST <= min(paces) < 0.8
     assert np.linalg.norm(pose(node.arm.q)[0] - goal.p_d) < SIMULATED_POSE
     assert not any("holding still" in message for message in messages)
+
+
+def test_a_joint_limit_slows_the_motion_down_and_diagnostics_tell_which_joint(node):
+    limit, q = MODEL.limits.upper[5], HOME.copy()
+    q[5] = limit - 0.3
+    start_at(node, q)
+    p, R = pose(q)
+    goal = reference(DesiredFrame(p, R @ rodrigues(0.295, np.array([0.0, 0.0, 1.0]))), times=(0.5,))
+    told = watch(node, goal, count=300, dt=0.004)
+    messages = [each["message"] for each in told]
+    for code in ("approaching", "inside"):
+        assert any(f"slowed down, {code} the limit of wrist_3_joint" in m for m in messages)
+    assert {"approaching", "inside"} <= {each.get("limit of a joint") for each in told}
+    assert min(float(each["pace"]) for each in told if "pace" in each) < 1.0
+    assert node.arm.q[5] <= limit
+    assert node.arm.q[5] > limit - 0.01
+    back = watch(node, reference(DesiredFrame(p, R), times=(0.5,)), count=100, dt=0.004)
+    assert any("leaving the limit of wrist_3_joint" in each["message"] for each in back)
 
 
 # --- what is said, and what leaves -----------------------------------------------------------

@@ -4,12 +4,13 @@ from typing import Any
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from ros_processes import FRAMES, HOME, UR5, Controlled, Peer, assert_holds, values
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import String
 from test_sources import REAL, an_arm, go_on
+from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.messages.keys import UNHEARD
 
@@ -93,6 +94,24 @@ def diagnosed(world: Any, name: str, meanwhile: Any = lambda: None) -> str:
         return UNHEARD in values(status)
 
     return values(world.peer.status(name, is_said, meanwhile))[UNHEARD]
+
+
+LEADING = {
+    "reference": MultiDOFJointTrajectory,
+    "target_pose": PoseStamped,
+    "target_twist": TwistStamped,
+    "target_wrench": WrenchStamped,
+    "target_stiffness": WrenchStamped,
+}
+
+
+@pytest.mark.parametrize("topic", LEADING)
+def test_whatever_leads_the_arm_is_named_too(world, topic):
+    node = Controlled(world, "impedance_control", FRAMES)
+    world.peer.node.create_publisher(LEADING[topic], topic, BEST_EFFORT)
+    text = diagnosed(world, node.name, node.arm.tick)
+    assert f"/peer publishes /{topic} with the reliability best_effort" in text
+    assert f"qos_overrides./{topic}.subscription.reliability" in text
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,8 @@ import geometry_msgs.msg
 import numpy as np
 import pytest
 import yaml
-from ros_processes import FRAMES, HOME, Controlled, pose, values
+from ros_processes import FRAMES, HOME, MODEL, UR5, Controlled, assert_holds, pose, values
+from test_sources import REAL, go_on
 from visualization_msgs.msg import InteractiveMarkerFeedback as Feedback
 from visualization_msgs.msg import InteractiveMarkerUpdate, MarkerArray
 from visualization_msgs.srv import GetInteractiveMarkers
@@ -62,8 +63,7 @@ def test_frames_wrench_and_stiffness_are_drawn_where_they_are_and_never_old(worl
     name, stiffness = "impedance_control", {"K_p": [1000.0, 500.0, 250.0]}
     running = Controlled(world, name, FRAMES | stiffness, namespace="/left")
     arrays = world.peer.listen(MarkerArray, f"/left/{name}/markers")
-    report, frames = running.process.node._report, []  # as with tf2_msgs, which pip has not
-    report._tf, report._frames = SimpleNamespace, SimpleNamespace(publish=frames.append)
+    frames = on_tf(running)
     running.arm.push(*PUSH)
     running.arm.ticks(30)
 
@@ -87,15 +87,78 @@ def test_frames_wrench_and_stiffness_are_drawn_where_they_are_and_never_old(worl
         assert (end - start) / length == pytest.approx(np.array(part), abs=1e-6)
     scale = sorted(vector_from_ros(markers["stiffness"].scale))
     assert scale == pytest.approx([0.05, 0.1, 0.2])  # diameters, as the stiffnesses
-    found = {each.child_frame_id: each.transform.translation for each in frames[-1].transforms}
+    found = places(frames[-1])
     assert found.keys() == {f"left/{name}/{of}" for of in ("desired", "actual", "compliant")}
-    assert vector_from_ros(found[f"left/{name}/desired"]) == pytest.approx(P_E, abs=1e-6)
+    assert found[f"left/{name}/desired"] == pytest.approx(P_E, abs=1e-6)
     world.advance(1.0)  # no states come
     arrays.clear()
     world.advance(2.0)
     assert arrays == []
     monkeypatch.setattr(Controller, "fault", "stopped")
     assert drawn().keys() == {"actual"}
+
+
+def on_tf(running):
+    """Return the messages on /tf, as with tf2_msgs, which pip has not."""
+    report, frames = running.process.node._report, []
+    report._tf, report._frames = SimpleNamespace, SimpleNamespace(publish=frames.append)
+    return frames
+
+
+def places(msg):
+    found = ((each.child_frame_id, each.transform.translation) for each in msg.transforms)
+    return {name: vector_from_ros(place) for name, place in found}
+
+
+@pytest.mark.parametrize("how", ["waiting", "stopped", "released"])
+def test_tf_says_where_the_arm_is_while_states_come_with_commands_or_without(world, how):
+    name, arm = "dynamic_control", Controlled.ARMS["dynamic_control"](world, UR5)
+    waits = {"require_reference": how == "waiting"}
+    running = SimpleNamespace(process=world.start(name, REAL | waits))
+    frames, fast = on_tf(running), 1.6 * MODEL.limits.velocity
+    go_on(arm, 1.0, period=0.001)
+    keys = {"actual"} if how == "waiting" else {"actual", "desired"}
+    assert places(frames[-1]).keys() == {f"{name}/{key}" for key in keys}
+    if how == "stopped":
+        world.peer.trigger(f"/{name}/halt")
+    elif how == "released":  # it runs away
+        arm.dq = fast
+        for _ in range(300):
+            arm.q = arm.q + 0.001 * fast
+            go_on(arm, 0.001, period=0.001)
+        arm.dq = 0.0 * fast
+    go_on(arm, 0.02, period=0.001)
+    arm.commands.clear()
+    frames.clear()
+    arm.q = arm.q + 0.001
+    go_on(arm, 0.1, period=0.001)
+    assert bool(arm.commands) is (how == "stopped")
+    assert len(frames) == pytest.approx(5, abs=1)  # at state_rate
+    for msg in frames:
+        assert places(msg) == {f"{name}/actual": pytest.approx(pose(arm.q)[0], abs=1e-9)}
+    count = len(frames)
+    world.advance(2.0)  # no states come
+    assert len(frames) == count
+
+
+@pytest.mark.parametrize("what", ["~/markers", "/tf"])
+def test_a_view_that_fails_is_named_and_the_arm_is_controlled_on(world, what):
+    running = Controlled(world, "clik", FRAMES)
+    on_tf(running)
+    node = running.process.node
+
+    def fail(*_):
+        raise ZeroDivisionError("planted")
+
+    if what == "/tf":
+        node._report._frames.publish = fail
+    else:
+        node._rviz.show = fail
+    running.arm.ticks(50)
+    world.advance(0.2)
+    assert "internal error ZeroDivisionError: planted" in running.process.log
+    assert f", of {what}" in running.process.log
+    assert_holds(running.arm.tick(), HOME)
 
 
 # --- the target, which the mouse moves -------------------------------------------------------
@@ -133,10 +196,31 @@ def test_the_target_is_at_the_tip_and_is_gone_to_when_it_is_released_not_while_i
     assert sorted(control.interaction_mode for control in marker.controls) == [3] * 3 + [5] * 3
     send(clik, *DRAG[:2])
     shown = len(clik.updates)
-    clik.graph.advance(1.0)
+    for _ in range(4):
+        clik.graph.advance(0.25)
+        send(clik, Feedback.KEEP_ALIVE)
     assert max(height(clik) for _ in range(300)) < 1e-6
     assert len(clik.updates) == shown  # it stays with the mouse
     send(clik, Feedback.MOUSE_UP)
+    clik.graph.until(lambda: height(clik) > 0.999 * UP[2], "the arm at the target")
+
+
+def test_a_mouse_that_vanishes_while_it_drags_leaves_the_target_to_others(clik):
+    def goes_on(seconds):
+        before = len(clik.updates)
+        for _ in range(round(seconds / 0.1)):
+            clik.arm.tick()
+            clik.graph.advance(0.1)
+        return len(clik.updates) > before
+
+    send(clik, *DRAG[:2])
+    for _ in range(5):
+        assert not goes_on(0.7)
+        send(clik, Feedback.KEEP_ALIVE)
+    assert goes_on(1.5)
+    send(clik, Feedback.POSE_UPDATE, Feedback.MOUSE_UP)  # it was not gone after all
+    assert max(height(clik) for _ in range(300)) < 1e-6
+    send(clik, *DRAG)
     clik.graph.until(lambda: height(clik) > 0.999 * UP[2], "the arm at the target")
 
 
@@ -148,11 +232,15 @@ def test_an_impossible_target_is_rejected_and_moves_nothing(clik, bad):
 
 
 def test_a_click_moves_nothing_and_a_drag_that_began_before_a_fault_does_not_end_it(clik):
+    def dragging():
+        clik.arm.tick()
+        send(clik, Feedback.KEEP_ALIVE)
+
     send(clik, Feedback.MOUSE_DOWN, Feedback.MOUSE_UP, *DRAG[:2])
-    clik.status()
+    clik.peer.status("clik", meanwhile=dragging)
     assert height(clik) == pytest.approx(0.0, abs=1e-6)
     clik.arm.send(clik.arm.message(clik.arm.q + 1e-3))  # under the stamp of the last one
-    clik.status(lambda s: values(s)["cause"] == "stamp_stuck")
+    clik.peer.status("clik", lambda s: values(s)["cause"] == "stamp_stuck", dragging)
     clik.arm.ticks(200, dt=0.01)
     send(clik, Feedback.MOUSE_UP)
     clik.status(lambda s: "~/target/feedback rejected" in values(s))

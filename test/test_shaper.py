@@ -277,6 +277,15 @@ def test_set_points_stamped_ahead_are_each_followed_at_their_time(ahead):
     way = (motion.p[RATE : 3 * RATE] - HERE.p_d) @ X
     assert np.abs(way - SPEED * t).max() < 0.002
     assert motion.shaper.ahead == pytest.approx(ahead, abs=0.002)
+    assert motion.shaper.lost == 0
+
+
+def test_references_that_another_one_overtakes_are_counted():
+    shaper = Shaper(HERE, LIMITS)
+    for start in (100_000_000, 200_000_000, 0):
+        shaper.follow(SetPoint(HERE, 0.1), start)
+    shaper.sample(0)
+    assert shaper.lost == 2
 
 
 def test_a_stream_of_which_none_begins_is_told():

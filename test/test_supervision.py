@@ -438,6 +438,18 @@ def test_a_set_point_whose_twist_leads_far_away_is_refused_wherever_it_ends(acce
         running.orders.follow(SetPoint(spinning, 0.1), None)
 
 
+@pytest.mark.parametrize("scheme", [clik, dynamic_control])
+def test_a_second_publisher_of_states_with_a_clock_of_its_own_moves_nothing(scheme):
+    running, t, q, _, now = following(scheme(), now=50.0)
+    commands = []
+    for step in range(1, 400):
+        commands.append(running.step(t + step * MS, q, STILL, now + step * DT))
+        if step % 20 == 0:  # another arm, of another day
+            commands.append(running.step(t + 10**18 + step * MS, q + 0.3, STILL, now + step * DT))
+    after = commands[25:]
+    assert after.count(None) == len(after)
+
+
 def test_a_simulation_that_begins_anew_is_believed_when_it_goes_on_steadily():
     running, _, _, _, now = following(clik(limits=UR5.limits), now=50.0)
     q = HOME + 0.2
@@ -511,6 +523,27 @@ def test_a_reference_that_comes_right_after_the_resume_of_a_released_arm_is_foll
     effort = running.step(t, q, STILL, now).effort
     assert running.mode is Mode.FOLLOWING
     np.testing.assert_allclose(effort, UR5.dynamic_state(q, STILL).g, atol=2.0)
+
+
+@pytest.mark.parametrize("silence", [20, 80, 500])  # [ms], below and above state_timeout
+def test_after_the_resume_of_a_released_arm_that_sags_in_a_silence_no_effort_jumps(silence):
+    running, t, q, _, now = following(dynamic_control(), now=50.0)
+    since = t
+    t = lets_go(running, t + MS, q, 1.6 * UR5.limits.velocity, now + DT)
+    q, now = running.acting.q, now + (t - since) / 1e9
+    for k in range(400):
+        assert running.step(t + k * MS, q, STILL, now + k * DT) is None
+    running.orders.resume()
+    before, q = q, q + [0.0, min(5.0 * (silence / 1000) ** 2, 0.2), 0.0, 0.0, 0.0, 0.0]
+    most = running.scheme.bounds.effort_rate * DT + GUARD_ROUNDING
+    ticks = range(400 + silence, 500 + silence)
+    efforts = [running.step(t + k * MS, q, STILL, now + k * DT).effort for k in ticks]
+    g = UR5.dynamic_state(q, STILL).g
+    assert np.all(np.abs(efforts[0] - g) <= 3 * most)  # a late tick counts as three at most
+    assert np.all(np.abs(np.diff(efforts, axis=0)) <= most)
+    held = running.scheme.frame_at(q if silence > 1000 * TIMEOUT else before)
+    np.testing.assert_allclose(running.guidance.motion.last.p_d, held.p_d, atol=HELD)
+    assert running.mode is Mode.HOLDING
 
 
 # --- defects at the wrong moment ----------------------------------------------------------

@@ -123,6 +123,15 @@ def test_a_key_moves_the_tip_until_it_is_released_or_any_other_is_pressed(world,
             for keys in (b"w", other):
                 os.write(types, keys)
                 world.advance(TICK)
+        for backlog in (250 * b"w" + b"x", 98 * b"w" + b"\x1bOd"):  # more than one read
+            os.write(types, b"w")
+            world.advance(TICK)
+            os.write(types, backlog)
+            world.advance(TICK)
+            stick.assert_ended()
+        os.write(types, b"\x1b[A" + b"w")  # the last key counts
+        world.advance(TICK)
+        assert stick.last()[0] == 0.1
         assert stick.process.stop() == 0
         assert stick.last() == [0.0] * 6
         assert termios.tcgetattr(reads) == before

@@ -51,7 +51,8 @@ class Supervisor:
         mode: the present mode.
         resets: how often the states started again after a jump of the stamps, or a silence.
         stops: how often the arm was stopped, or stopped for another reason.
-        left: when the last command left; None before the first.
+        left: when the last command left; None before the first, and after the resume of an arm that
+            had none.
         rate: whether the states come often enough.
     """
 

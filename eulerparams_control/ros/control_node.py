@@ -62,7 +62,7 @@ class ControlNode(ManagedNode):
         self._shown: Tick | None = None
         self._rviz = RViz(self)
         period = max(self._params.state_timeout / 2, _LEAST_WATCH)
-        for seconds, callback in ((period, self.watch), (_VIEW_PERIOD, self._show)):
+        for seconds, callback in ((period, self.watch), (_VIEW_PERIOD, self._show_in_rviz)):
             self.create_timer(seconds, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._subscribe()
         leaders = self._input, self._rviz, self.leaders()
@@ -198,12 +198,14 @@ class ControlNode(ManagedNode):
         if self._stands:
             self._say_standing(controller)
             return
-        period = self._period if command is not None else 0
-        if self._report.answered(controller, t, period, self._params.orientation):
+        if self._report.answered(controller, t, self._period, self._params.orientation):
             guidance = controller.guidance
             is_asked = guidance.ticked == t and not controller.fault
-            tick = guidance.of_law if is_asked else None
-            self._report.arm(controller, tick, q, dq, self._stamp)
+            what = controller, guidance.of_law if is_asked else None, q, dq, stamp
+            if command is not None:
+                self._report.arm(*what)
+            if not self._dispute.fault:  # else it is not known whose state it is
+                self._show("/tf", partial(self._report.frames, *what))
         self._ending.review()
 
     @property
@@ -336,15 +338,18 @@ class ControlNode(ManagedNode):
             self._report.show(controller, tick, self._params)
             values.update(self.values_of(tick))
 
-    def _show(self) -> None:
-        """Show the arm in RViz: a failure must not end the node that controls it."""
+    def _show_in_rviz(self) -> None:
         controller, measured = self._controller, self._input.measured
-        if controller is None or measured is None or self._is_silent:
-            return
+        if controller is not None and measured is not None and not self._is_silent:
+            show = partial(self._rviz.show, controller, measured, self.stiffness_of)
+            self._show("~/markers", show)
+
+    def _show(self, what: str, show: Callable[[], None]) -> None:
+        """Show something: a failure must not end the node that controls the arm."""
         try:
-            self._rviz.show(controller, measured, self.stiffness_of)
+            show()
         except Exception as error:
-            self._health.complain(f"{defect(error)}, of ~/markers", error=True, about="~/markers")
+            self._health.complain(f"{defect(error)}, of {what}", error=True, about=what)
 
     def _say(self) -> None:
         """Report what the controller does, or why it holds still, if that has changed."""

@@ -30,7 +30,6 @@ from eulerparams_control.messages.to_ros import (
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.parameters.common import ControlParameters
-from eulerparams_control.robot.robot import RobotState
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.publishers import names_of_publishers, publishers_of
 from eulerparams_control.ros.state_input import StateInput
@@ -166,8 +165,6 @@ class ControlReport:
         if self._pose.get_subscription_count():
             arm = robot.state(q, dq) if tick is None else tick.state
             self._pose.publish(pose_to_ros(arm.p_e, arm.R_e, stamp, frame))
-        if self._frames is not None:
-            self._publish_frames(tick, robot.state(q, dq), stamp, frame)
         if tick is None:
             return
         if self._desired.get_subscription_count():
@@ -181,8 +178,21 @@ class ControlReport:
             if lyapunov is not None:
                 self._lyapunov.publish(lyapunov_to_ros(*lyapunov))
 
-    def _publish_frames(self, tick: Tick | None, arm: RobotState, stamp: Time, base: str) -> None:
-        """Publish the frames of a tick on /tf; their names begin with that of the node."""
+    def frames(
+        self, controller: Controller, tick: Tick | None, q: Array, dq: Array, stamp: Any
+    ) -> None:
+        """Publish on /tf where the arm is, and the other frames of a tick.
+
+        Args:
+            controller: that answered, with a command or without.
+            tick: of the law; None where it was not asked.
+            q, dq: (n,) measured.
+            stamp: of the state.
+        """
+        if self._frames is None:
+            return
+        robot = controller.scheme.robot
+        arm = robot.state(q, dq)
         frames = {"actual": DesiredFrame(arm.p_e, arm.R_e)}
         if tick is not None:
             frames["desired"] = tick.desired
@@ -191,7 +201,8 @@ class ControlReport:
         name = self._node.get_fully_qualified_name().strip("/")  # two arms share /tf
         found = [TransformStamped(child_frame_id=f"{name}/{which}") for which in frames]
         for msg, frame in zip(found, frames.values(), strict=True):
-            msg.header.stamp, msg.header.frame_id = stamp, base
+            msg.header.stamp = Time(sec=stamp.sec, nanosec=stamp.nanosec)
+            msg.header.frame_id = robot.base_frame
             msg.transform.translation = vector_to_ros(frame.p_d)
             msg.transform.rotation = quaternion_to_ros(frame.R_d)
         self._frames.publish(self._tf(transforms=found))
@@ -204,6 +215,7 @@ class ControlReport:
             SLOWED: motion.slowed,
             FROZEN: int(controller.scheme.is_frozen),
             "references ahead of joint_states [s]": motion.ahead,
+            "references that never began": motion.lost,
             SATURATED: controller.guidance.saturated,
             "states that went the long way": controller.short_way.detours,
         }

@@ -22,7 +22,7 @@ from eulerparams_control.parameters.fields import (
     item_type,
     refuse_unknown,
 )
-from eulerparams_control.ros.parameter_files import refuse_misspelt_sections
+from eulerparams_control.ros.parameter_files import given_words, refuse_misspelt_sections
 
 _LISTS = {
     float: Parameter.Type.DOUBLE_ARRAY,
@@ -56,10 +56,21 @@ def declare[P](
     refuse_misspelt_sections(node.get_name())
     refuse_unknown(parameters, node._parameter_overrides, prefixes)
     fields = fields_of(parameters)
+    refuse_words(node.get_name(), fields)
     is_fixed = on_change is None
     filled = parameters(**{n: _declare(node, field, is_fixed) for n, field in fields.items()})
     _watch(node, filled, on_change)
     return filled
+
+
+def refuse_words(name: str, fields: dict[str, Any], arguments: list[str] | None = None) -> None:
+    """Raise ConfigurationError where a word is given for what is no text."""
+    for key, word in given_words(name, arguments):
+        if key in fields and not isinstance(fields[key].default, str):
+            try:
+                float(word)  # 1e-3 is a word for YAML
+            except ValueError:
+                checked(fields[key], word)
 
 
 def _declare(node: Node, field: dataclasses.Field[Any], is_fixed: bool) -> Any:

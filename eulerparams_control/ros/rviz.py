@@ -11,6 +11,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs import msg as viz
 from visualization_msgs.srv import GetInteractiveMarkers
 
+from eulerparams_control.control.clock import steady
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.rotations import Array
@@ -29,6 +30,7 @@ _WIDTHS, _AXES = {"desired": 0.002, "compliant": 0.004, "actual": 0.006}, 0.1  #
 _STIFFEST, _PER_NEWTON, _PER_NEWTON_METRE = 0.1, 0.005, 0.05  # [m]
 _SHAFT = 0.008, 0.016, 0.02  # [m] of an arrow: its diameter, that of its head, its length
 _LASTS = Duration(nanosec=500_000_000)  # what is not drawn again vanishes
+_VANISHED = 1.0  # [s] of silence: a mouse that drags says so four times a second
 _RED, _GREEN, _BLUE = (0.9, 0.2, 0.2, 1.0), (0.2, 0.7, 0.2, 1.0), (0.2, 0.4, 0.9, 1.0)
 _YELLOW, _PURPLE, _GREY = (0.9, 0.7, 0.1, 1.0), (0.6, 0.3, 0.8, 0.3), (0.6, 0.6, 0.6, 1.0)
 _S = math.sqrt(0.5)  # an axis of a control is the x axis of its orientation
@@ -43,7 +45,7 @@ class RViz:
         self._updates = node.create_publisher(viz.InteractiveMarkerUpdate, UPDATE, 100)
         node.create_service(GetInteractiveMarkers, "~/target/get_interactive_markers", self._give)
         self._drawn, self._at, self._number, self._is_given = -1, PoseStamped(), 0, False
-        self._grips: dict[str, tuple[Any, bool]] = {}  # by mouse: stops before, is it dragged
+        self._grips: dict[str, tuple[Any, bool, float]] = {}  # stops before, is dragged, heard [s]
 
     def show(
         self, controller: Controller, state: State, stiffness: Callable[[Tick], Stiffness | None]
@@ -77,8 +79,10 @@ class RViz:
     def _place(self, at: PoseStamped) -> None:
         """Show the target where it is not dragged."""
         self._at = at
-        if self._grips:
+        since = steady.now() - _VANISHED
+        if any(heard > since for *_, heard in self._grips.values()):
             return
+        self._grips.clear()
         self._number += 1
         update = viz.InteractiveMarkerUpdate(seq_num=self._number)
         update.server_id, update.type = self._updates.topic_name, update.UPDATE
@@ -100,14 +104,14 @@ class RViz:
 
         ``stops`` changes when the arm is stopped: raises InvalidMessageError if it has meanwhile.
         """
+        mouse, now = msg.client_id, steady.now()
         if msg.event_type == msg.MOUSE_DOWN:
-            self._grips[msg.client_id] = stops, False
-        before, is_dragged = self._grips.get(msg.client_id, (None, False))
-        if msg.event_type == msg.POSE_UPDATE and before is not None:
-            self._grips[msg.client_id] = before, True
+            self._grips[mouse] = stops, False, now
+        before, is_dragged, _ = self._grips.pop(mouse, (None, False, now))
         if msg.event_type != msg.MOUSE_UP:
+            if before is not None:
+                self._grips[mouse] = before, is_dragged or msg.event_type == msg.POSE_UPDATE, now
             return None
-        self._grips.pop(msg.client_id, None)
         if is_dragged and before != stops:
             raise InvalidMessageError("the arm stopped while its target was dragged: drag it again")
         goal = PoseStamped(pose=msg.pose)  # without a stamp: that of the mouse is not the robot's
@@ -126,9 +130,7 @@ def _target(at: PoseStamped) -> viz.InteractiveMarker:
     return marker
 
 
-def _marker(
-    name: str, kind: int, scale: Any, color: tuple[float, ...], *points: Array
-) -> viz.Marker:
+def _marker(name: str, kind: int, scale: Any, color: Any, *points: Array) -> viz.Marker:
     marker = viz.Marker(ns=name, type=kind, color=_color(color), lifetime=_LASTS)
     marker.scale.x, marker.scale.y, marker.scale.z = map(float, scale)
     marker.points = [_point(p) for p in points]

@@ -1,6 +1,7 @@
 """The node ``teleop``: keyboard or joystick (a SpaceMouse is one) jog the tip, on target_twist."""
 
 import os
+import re
 import select
 import sys
 import termios
@@ -31,6 +32,33 @@ HELP = """
 _KEYS = dict(zip("waquijsdeokl", np.vstack((np.eye(6), -np.eye(6))), strict=True))
 _AXES = np.array(("x", "y", "z", "roll", "pitch", "yaw"))
 _PERIOD, _NEUTRAL = 0.02, 0.01  # [s] between two twists; deflection that is none, at least
+_SEQUENCE = re.compile(r"\x1b[\[O][0-9;]*.")  # an arrow, say, whose letters are no keys of ours
+
+
+class Interlock:
+    """Lets an axis pass once it was neutral while the dead-man button was pressed.
+
+    So a trigger, or what is deflected when the button is pressed, moves nothing.  The button has
+    to be seen released before.  ``waits_for`` names what has to be let go.
+    """
+
+    def __init__(self) -> None:
+        self.lock()
+
+    def lock(self) -> None:
+        """Let nothing pass until the button was seen released, and then each axis neutral."""
+        self.waits_for, self._was_released, self._was_neutral = "", False, np.zeros(6, dtype=bool)
+
+    def passing(self, axes: Array, is_pressed: bool, neutral: float) -> Array:
+        """Return the axes (6,), from -1 to 1, 0 where they may not pass; neutral within that."""
+        self._was_released |= not is_pressed
+        self._was_neutral |= np.abs(axes) <= neutral
+        self._was_neutral &= is_pressed and self._was_released
+        self.waits_for = ""
+        if is_pressed and not self._was_neutral.all():
+            names = ", ".join(_AXES[~self._was_neutral])
+            self.waits_for = names if self._was_released else "the button"
+        return np.where(self._was_neutral, axes, 0.0)
 
 
 class TeleopNode(Node):
@@ -44,6 +72,7 @@ class TeleopNode(Node):
         self._health = diagnostics.Health(self)
         p = self._params = declare(self, self.parameters_type)
         self._wish, self._until, self._moves = np.zeros(6), 0.0, False  # from -1 to 1; until [s]
+        self._interlock = Interlock()
         self._settings: Any = None  # of the terminal, to restore
         self._publisher = self.create_publisher(TwistStamped, "target_twist", QOS)
         if p.device == JOY:
@@ -57,40 +86,38 @@ class TeleopNode(Node):
         self._health.set(diagnostics.OK, f"ready: {p.device}", mode=WorkMode.READY)
         self.create_timer(_PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def _lock(self) -> None:
-        """Let nothing pass until the button was seen released, and then each axis neutral."""
-        self._was_released, self._was_neutral = False, np.zeros(6, dtype=bool)
-
     def _on_joy(self, msg: Joy) -> None:
         now, axes, deadzone = steady.now(), np.zeros(6), self._params.deadzone
         if now > self._until:  # the first one, or after a silence
-            self._lock()
+            self._interlock.lock()
         self._until = now + self._params.joy_timeout
         try:
             refuse_two_publishers(self, self._input)
-            axes, is_pressed = _read(msg, self._params)
-            self._was_released |= not is_pressed
-            self._was_neutral |= np.abs(axes) <= max(deadzone, _NEUTRAL)
-            self._was_neutral &= is_pressed and self._was_released
-            beyond = np.maximum(np.abs(axes) - deadzone, 0.0) / (1.0 - deadzone)
-            axes = np.where(self._was_neutral, np.sign(axes) * beyond, 0.0)
-            if is_pressed and not self._was_neutral.all():
-                what = ", ".join(_AXES[~self._was_neutral]) if self._was_released else "the button"
+            read, is_pressed = _read(msg, self._params)
+            axes = self._interlock.passing(read, is_pressed, max(deadzone, _NEUTRAL))
+            axes = np.sign(axes) * np.maximum(np.abs(axes) - deadzone, 0.0) / (1.0 - deadzone)
+            if what := self._interlock.waits_for:
                 self._health.complain(f"let go of {what}: what rests elsewhere is none of axes")
                 self._health.warn(f"waiting for {what}")
         except InvalidMessageError as error:
-            self._lock()
+            self._interlock.lock()
             self._health.reject("joy", error)
         self._wish = axes
         if not axes.any():
             self._send(axes)  # at once
 
     def _on_timer(self) -> None:
-        if self._settings is not None and select.select([sys.stdin], [], [], 0)[0]:
-            keys = os.read(sys.stdin.fileno(), 100).decode(errors="replace")  # an arrow has letters
-            self._wish = _KEYS.get("" if "\x1b" in keys else keys[-1:], np.zeros(6))
+        if self._settings is not None and (keys := self._typed()):
+            self._wish = _KEYS.get(keys[-1], np.zeros(6))
             self._until = steady.now() + self._params.key_timeout
         self._send(self._wish if steady.now() < self._until else np.zeros(6))
+
+    def _typed(self) -> str:
+        """Return all keys since the last time, lest a backlog plays on; a sequence is an escape."""
+        found, file = b"", sys.stdin.fileno()
+        while select.select([file], [], [], 0)[0] and (more := os.read(file, 100)):
+            found += more
+        return _SEQUENCE.sub("\x1b", found.decode(errors="replace"))
 
     def _send(self, axes: Array) -> None:
         """Publish a twist; zero once, and then nothing: others may lead."""
