@@ -418,7 +418,7 @@ def test_a_robot_that_does_not_fit_gives_no_command_and_the_reason(
         ("pybullet_bridge", {"urdf": "/nowhere/a.urdf"}, "the URDF cannot be read"),
         ("pybullet_bridge", {"initial_positions": [1.0]}, "initial_positions has 1 values"),
         ("pybullet_bridge", {"servo_bandwidth": 5000.0}, "must not exceed the rate"),
-        ("teleop", {"device": "keyboard"}, "needs a terminal: use ros2 run, or device"),
+        ("teleop", {"device": "keyboard"}, "needs a terminal: start it in one, or set"),
         ("teleop", {"axes": [1, 2]}, "axes has 2 values; expected 6"),
         ("fault_injector", {"faults": [MISSPELT]}, "(did you mean 'joint_states'?)"),
         ("fault_injector", {"faults": ["{fault: kill, node: clik, at: 1}"]}, "by the experiment"),

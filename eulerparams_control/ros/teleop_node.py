@@ -78,7 +78,9 @@ class TeleopNode(Node):
         if p.device == JOY:
             self._input = self.create_subscription(Joy, "joy", self._on_joy, **overridable(QOS))
         elif not sys.stdin.isatty():
-            raise ConfigurationError("keyboard needs a terminal: use ros2 run, or device: joy")
+            raise ConfigurationError(
+                "keyboard needs a terminal: start it in one, or set device: joy"
+            )
         else:
             self._settings = termios.tcgetattr(sys.stdin)
             tty.setcbreak(sys.stdin)
