@@ -203,8 +203,8 @@ class FaultyArm:
     def too_hard(self, most):
         """Yield positions that ask for more than ``most`` [rad/s^2], as a robot sees it.
 
-        Of several at once it takes the last.  A gap is caught up with where the three periods that
-        are stepped over are more than a robot bridges.
+        Of several at once it takes the last.  What came late is caught up with, and so is a gap
+        where the three periods that are stepped over are more than a robot bridges.
         """
         rows, period, late, n = self.answers, 1 / self.rate, -1.0, self.arm.n
         no = np.zeros(n, dtype=bool)
@@ -215,7 +215,7 @@ class FaultyArm:
                 robot.rest()
             gap = row.t - before.t if before else period
             is_far = gap > period + BRIDGED and 2 * period > BRIDGED
-            late = row.t if is_far else late
+            late = row.t if is_far or (gap < period / 2 and row.stamp != before.stamp) else late
             if after is None or after.t > row.t:
                 text = robot.judge(row.command[:n], row.command[n:], row.stamp, row.t, row.q)
                 if text and row.t > late + TIMEOUT:

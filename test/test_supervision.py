@@ -3,7 +3,6 @@
 import itertools
 import math
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -100,23 +99,6 @@ def test_the_command_before_bounds_the_next_unless_it_was_refused_or_forgotten()
     np.testing.assert_allclose(guard(far, ZERO, DT).effort, RATE * DT, rtol=1e-6)
     guard.forget()
     assert guard(far, ZERO, DT) is far
-
-
-def test_states_that_were_late_and_come_together_make_no_motion_stutter():
-    acceleration = 10.0
-    limits = replace(UR5.limits, acceleration=np.full(6, acceleration))
-    running = Controller(clik(limits=limits), ControllerOptions(), HOME)
-    goal = moved(0.1, 0.5)
-    running.orders.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None, 0.0)
-    q, commands = HOME, []
-    for step in range(600):
-        late = 9 - step % 10  # ten come at once, 20 us apart
-        commands.append(running.step(T_0 + step * MS, q, STILL, (step + late) * DT - 2e-5 * late))
-        q = commands[-1].q
-    asked = np.abs(np.diff([command.q for command in commands], n=2, axis=0)) / DT**2
-    assert np.max([np.abs(command.dq) for command in commands]) > 0.1
-    assert np.max(asked) < 1.05 * acceleration
-    assert running.limiter.bounded == 0
 
 
 # --- the pace -----------------------------------------------------------------------------

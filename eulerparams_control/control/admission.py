@@ -34,9 +34,6 @@ _CONFLICTS, _CONTEST = 3, 1.0
 # Number of stamps in a row that are behind, but rise: those of a clock that was set back.
 _SET_BACK = 3
 
-# Time [s] without states for which those that come together may make up.
-_CATCHES_UP = 0.05
-
 # Largest angles [rad] by which the loop of a gain may turn within a period: beyond the first it is
 # not stable, with some room for the error of the measured period; beyond the second it is another
 # loop.  Then the part of the timeout of silence that a period may last, and the part of its bound
@@ -203,7 +200,6 @@ class Admission:
         self._arm[judge.LIMIT] = math.inf
         self._latency = Latency(max_latency, self.period.row)
         self._back, self._back_at = 0, 0  # stamps in a row that are behind, and the last [ns]
-        self._spare = 0.0  # [s] in which no state came, and for which none has made up
 
     @property
     def is_contested(self) -> bool:
@@ -275,7 +271,7 @@ class Admission:
             restart, dt = self._restart(at, dt, silence, usual, code), 0.0
         acted, lost, leapt = dt, 0.0, 0.0
         if receipt is not None:
-            acted = self._acted(dt, silence)
+            acted = dt if 0 < dt < silence else silence
             # by how much more the stamps went on than time, lost and late states apart
             early, usual_now = latency.row.item(EARLY), period.item(SECONDS)
             if is_set_back:
@@ -290,16 +286,6 @@ class Admission:
             if lost > 0 and receipt is not None:  # the stamps may have gone on alone
                 lost = dt - min(longest, max(silence, usual))
         return Accept(q, code, dt, acted, lost, leapt, is_first, restart)
-
-    def _acted(self, dt: float, silence: float) -> float:
-        """Return for how long [s] the command before acted: no longer than by stamps, or in fact.
-
-        States that were late come together: the time in which none came counts for them.
-        """
-        time = silence + self._spare
-        acted = dt if 0 < dt < time else time
-        self._spare = min(time - acted, _CATCHES_UP)
-        return acted
 
     def _positions(self, state: int) -> Array:
         """Return the positions (n,) of one of the two states."""
@@ -361,7 +347,7 @@ class Admission:
         if code == judge.NOT_EXPECTED:
             return None
         self.clock.last, self._last = at, this
-        acted = dt if receipt is None else self._acted(dt, silence)
+        acted = dt if receipt is None or 0 < dt < silence else silence
         return (self._positions(this).copy() if code else q), dt, acted
 
     def take(self, at: Instant | None) -> None:
