@@ -264,6 +264,7 @@ def test_a_page_names_its_button_after_a_halt_and_its_legends_have_no_values(liv
     click(page, "Halt")
     page.get_by_text("What to do: press Resume").wait_for()
     assert "--" not in page.locator(".u-legend", has_text="desired to tool").first.inner_text()
+    live.until_at_rest()  # an arm that still moves is not resumed
     click(page, "Resume")
     live.until("holding")
 
