@@ -1,0 +1,114 @@
+"""Compilation of the primitives: numba, with the types of what Python calls them with.
+
+    @jit(f8(vector, vector))
+    def dot(v, w): ...
+
+A primitive is compiled when its module is imported, or loaded from the cache: nothing compiles
+while an arm moves.  ``NUMBA_DISABLE_JIT=1`` in the environment runs the same source as it is.
+"""
+
+import atexit
+import hashlib
+import os
+import shutil
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+from numba import boolean, float64, int64, types
+from numpy.typing import NDArray
+
+type Array = NDArray[np.float64]
+
+f8, i8, b1, void = float64, int64, boolean, types.void
+vector = types.Array(float64, 1, "A", readonly=True)
+matrix = types.Array(float64, 2, "A", readonly=True)
+"""Arrays that are read, however they lie in memory."""
+new_vector, new_matrix = float64[::1], float64[:, ::1]
+"""Arrays that are returned, or filled."""
+
+# Folders whose files have primitives, and how long [s] what is compiled for a state of these files
+# stays unused.
+_ROOMS = tuple(Path(__file__).parents[1] / room for room in ("laws", "motion", "control"))
+_KEPT = 14 * 86400.0
+
+
+def jit(signature: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return what compiles a function for the types of its arguments, given by numba's names.
+
+    Divisions by zero give infinity or NaN, as those of numpy do.
+    """
+
+    def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+        before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, cache_folder()
+        try:
+            made: Callable[..., Any] = numba.njit(
+                signature, cache=True, error_model="numpy", no_cfunc_wrapper=True
+            )(function)
+        finally:
+            numba.config.CACHE_DIR = before
+        if not numba.config.DISABLE_JIT and made.stats.cache_misses:  # type: ignore[attr-defined]
+            _announce()
+        return made
+
+    return compiled
+
+
+@cache
+def _announce() -> None:
+    """Say, once, that primitives are compiled."""
+    print(
+        "eulerparams_control: compiling the primitives of the laws, once for this version and this "
+        f"machine: some 40 s (kept in {cache_folder()})",
+        file=sys.stderr,
+        flush=True,
+    )
+
+
+@cache
+def cache_folder() -> str:
+    """Return the folder of what is compiled, for this state of the files that have primitives.
+
+    It is below NUMBA_CACHE_DIR, or $XDG_CACHE_HOME, or ~/.cache; where none can be written, a
+    folder that lasts as long as this process.  By itself numba would not see a change in a file
+    from which a primitive is called.
+    """
+    files = sorted(file for room in _ROOMS for file in room.rglob("*.py"))
+    contents = b"".join(file.read_bytes() for file in files)
+    state = hashlib.sha256(numba.__version__.encode() + contents).hexdigest()[:12]
+    home = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
+    root = Path(home or "~/.cache", "eulerparams_control")
+    try:
+        root = root.expanduser()
+        folder = root / state
+        folder.mkdir(parents=True, exist_ok=True)
+        os.utime(folder)
+        tempfile.TemporaryFile(dir=folder).close()
+    except (OSError, RuntimeError) as error:  # the latter: there is no home
+        warnings.warn(
+            f"compiled primitives cannot be kept in {root} ({error}), so each start compiles them "
+            "again; set NUMBA_CACHE_DIR to a folder that can be written",
+            stacklevel=2,
+        )
+        own = tempfile.mkdtemp(prefix="eulerparams_control_")
+        atexit.register(_remove, own, os.getpid())
+        return own
+    for old in root.glob("?" * len(state)):
+        with suppress(OSError):  # another process may do the same
+            if time.time() - old.stat().st_mtime > _KEPT:
+                shutil.rmtree(old, ignore_errors=True)
+    return str(folder)
+
+
+def _remove(folder: str, owner: int) -> None:
+    """Remove a folder at the end of the process that made it, not of one that was forked."""
+    if os.getpid() == owner:
+        shutil.rmtree(folder, ignore_errors=True)
