@@ -82,8 +82,8 @@ def cache_folder() -> str:
     from which a primitive is called.
     """
     files = sorted(file for room in _ROOMS for file in room.rglob("*.py"))
-    contents = b"".join(file.read_bytes() for file in files)
-    state = hashlib.sha256(numba.__version__.encode() + contents).hexdigest()[:12]
+    primitives = b"".join(text for text in map(Path.read_bytes, files) if b"@jit(" in text)
+    state = hashlib.sha256(numba.__version__.encode() + primitives).hexdigest()[:12]
     home = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     root = Path(home or "~/.cache", "eulerparams_control")
     try:
