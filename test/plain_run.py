@@ -34,7 +34,7 @@ def commands(arm, robot, info, orientation):
         q = np.array(arm.home) + 1e-3 * k * dq
         if k == STEPS - 5:
             controller.orders.halt()
-        with patch("eulerparams_control.laws.compiled.entry", side_effect=AssertionError):
+        with patch("eulerparams_control.laws._old.compiled.entry", side_effect=AssertionError):
             command = controller.step((k + 1) * 4 * MS, q, dq, now=4e-3 * (k + 1))
             controller.guidance.lyapunov()
         assert command is not None

@@ -19,8 +19,8 @@ from eulerparams_control.control.clock import Latency, NominalPeriod
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.control.mode import Cause, Mode
 from eulerparams_control.errors import InvalidMessageError, RobotError
+from eulerparams_control.laws._old.compiled import NONE
 from eulerparams_control.laws.clik import Clik, ClikLaw
-from eulerparams_control.laws.compiled import NONE
 from eulerparams_control.laws.orientation import representation
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.references import SetPoint

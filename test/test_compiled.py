@@ -16,8 +16,7 @@ from samples import all_rotations, near_pole, poles
 from tolerances import assert_close
 
 from eulerparams_control.laws import rotations
-from eulerparams_control.laws.clik import ClikLaw
-from eulerparams_control.laws.compiled import (
+from eulerparams_control.laws._old.compiled import (
     IS_COMPILED,
     Formula,
     cache_folder,
@@ -26,8 +25,9 @@ from eulerparams_control.laws.compiled import (
     layout,
     sample,
 )
+from eulerparams_control.laws._old.linear import Mat, Vec
+from eulerparams_control.laws.clik import ClikLaw
 from eulerparams_control.laws.impedance_matrices import Impedance
-from eulerparams_control.laws.linear import Mat, Vec
 from eulerparams_control.laws.orientation import (
     EulerSequence,
     OrientationOptions,

@@ -165,7 +165,7 @@ def move_in_all_ways():
             t += MS
             running.step(t, HOME, STILL)
 
-    with patch("eulerparams_control.laws.compiled.entry", side_effect=AssertionError):
+    with patch("eulerparams_control.laws._old.compiled.entry", side_effect=AssertionError):
         go_on(3)
         for seconds in (0.1, 1.0):  # too fast, then within the limits, which join on the way
             running.orders.follow(way_points([seconds], [(goal.p_d, goal.R_d)]), None)

@@ -41,7 +41,7 @@ from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 from eulerparams_control import events
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.events import Event, events_of
-from eulerparams_control.laws.compiled import IS_COMPILED
+from eulerparams_control.laws._old.compiled import IS_COMPILED
 from eulerparams_control.laws.inverse import smallest_singular_value
 from eulerparams_control.laws.orientation import OrientationRepresentation
 from eulerparams_control.laws.rotations import EulerParameters, angle_between

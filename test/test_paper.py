@@ -37,7 +37,7 @@ from eulerparams_control.lab.experiments.paper import (
     write_paper_summary,
 )
 from eulerparams_control.lab.experiments.schedule import Schedule
-from eulerparams_control.laws.linear import Mat
+from eulerparams_control.laws._old.linear import Mat
 from eulerparams_control.laws.orientation import euler_angles, sequences
 from eulerparams_control.resources import config_names
 

@@ -35,7 +35,7 @@ from eulerparams_control.analysis.topics import (
 from eulerparams_control.bags.format import BagFlaw, BagWarning
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.errors import BagError, ConfigurationError
-from eulerparams_control.laws.compiled import sample
+from eulerparams_control.laws._old.compiled import sample
 from eulerparams_control.laws.orientation import OrientationRepresentation, representation
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.frames import DesiredFrame

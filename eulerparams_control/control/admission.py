@@ -20,7 +20,7 @@ from eulerparams_control.control.clock import (
 )
 from eulerparams_control.control.mode import Why, restarted, too_rare, too_slow
 from eulerparams_control.errors import InvalidMessageError
-from eulerparams_control.laws.compiled import NONE
+from eulerparams_control.laws._old.compiled import NONE
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import Scheme
 from eulerparams_control.robot.robot import Robot

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws.compiled import Array, Row, entry, kernel
+from eulerparams_control.laws._old.compiled import Array, Row, entry, kernel
 
 # Number of steps after which a period is known, and after which its lower bound is; the factor of
 # jitter of that bound; and the part of the difference by which a period follows further steps.

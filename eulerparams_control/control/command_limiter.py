@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from eulerparams_control.errors import UnsafeCommandError
-from eulerparams_control.laws.compiled import NONE, Input, Rows, entry, kernel
+from eulerparams_control.laws._old.compiled import NONE, Input, Rows, entry, kernel
 from eulerparams_control.laws.limits import SHORTEST, JointLimits, clip, difference
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand

@@ -13,7 +13,7 @@ import numpy as np
 
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.options import ControllerOptions
-from eulerparams_control.laws.compiled import IS_COMPILED, cache_folder
+from eulerparams_control.laws._old.compiled import IS_COMPILED, cache_folder
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
 from eulerparams_control.laws.orientation import ORIENTATIONS, representation
 from eulerparams_control.laws.orientation.sequences import extract, pole_distance

@@ -18,7 +18,7 @@ from eulerparams_control.control.orders import Orders
 from eulerparams_control.control.short_way import ShortWay
 from eulerparams_control.control.supervisor import Supervisor
 from eulerparams_control.errors import UnsafeCommandError
-from eulerparams_control.laws.compiled import of_parts
+from eulerparams_control.laws._old.compiled import of_parts
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand, Scheme
 

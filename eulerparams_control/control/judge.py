@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from eulerparams_control.control.clock import SECONDS, best_at, late, smoothed, take_step
-from eulerparams_control.laws.compiled import Input, Row, Rows, entry, kernel
+from eulerparams_control.laws._old.compiled import Input, Row, Rows, entry, kernel
 from eulerparams_control.laws.limits import difference
 from eulerparams_control.motion.frames import put_frame
 from eulerparams_control.motion.trajectories import sampled

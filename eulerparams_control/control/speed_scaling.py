@@ -18,7 +18,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from eulerparams_control.laws.compiled import NONE, Input, Inputs, Row, Rows, entry, kernel
+from eulerparams_control.laws._old.compiled import NONE, Input, Inputs, Row, Rows, entry, kernel
 from eulerparams_control.laws.inverse import sigma_min
 from eulerparams_control.laws.limits import POSITION_RATE, UNLIMITED, JointLimits
 from eulerparams_control.laws.rotations import Array

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.compiled import Array, Row, kernel
+from eulerparams_control.laws._old.compiled import Array, Row, kernel
 
 # Smallest step that is blended [rad/s or rad/s^2].
 _NOTHING = 1e-12

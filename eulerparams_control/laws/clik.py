@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, FollowingError, SingularityError
-from eulerparams_control.laws.blend import Blend, blend, kept
-from eulerparams_control.laws.compiled import (
+from eulerparams_control.laws._old.compiled import (
     NONE,
     Array,
     Input,
@@ -26,6 +25,15 @@ from eulerparams_control.laws.compiled import (
     slot,
     to_rows,
 )
+from eulerparams_control.laws._old.linear import Mat, Vec, mat, norm, put_vec, vec
+from eulerparams_control.laws._old.orientation import (
+    Lyapunov,
+    OrientationRepresentation,
+    as_formulas,
+)
+from eulerparams_control.laws._old.orientation.base import Coordinates, law_of
+from eulerparams_control.laws._old.rotations import chord
+from eulerparams_control.laws.blend import Blend, blend, kept
 from eulerparams_control.laws.inverse import DampedInverse, invert, resolve
 from eulerparams_control.laws.limits import (
     SHORTEST,
@@ -38,10 +46,6 @@ from eulerparams_control.laws.limits import (
     rows_of,
     subtract,
 )
-from eulerparams_control.laws.linear import Mat, Vec, mat, norm, put_vec, vec
-from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
-from eulerparams_control.laws.orientation.base import Coordinates, law_of
-from eulerparams_control.laws.rotations import chord
 from eulerparams_control.laws.scheme import (
     FAR,
     TURNED,
@@ -183,6 +187,7 @@ class ClikLaw:
 
     def __post_init__(self) -> None:
         check_gains(self, "k_Pp", "k_Po", "k_posture")
+        object.__setattr__(self, "orientation", as_formulas(self.orientation))
 
     @cached_property
     def numbers(self) -> Array:

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.compiled import formula
+from eulerparams_control.laws._old.compiled import formula
+from eulerparams_control.laws._old.linear import Vec, VecLike, norm
+from eulerparams_control.laws._old.rotations import exp, log
 from eulerparams_control.laws.limits import POSITION_RATE
-from eulerparams_control.laws.linear import Vec, VecLike, norm
-from eulerparams_control.laws.rotations import exp, log
 from eulerparams_control.motion.frames import DesiredFrame
 
 

@@ -30,8 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
-from eulerparams_control.laws.blend import blend, kept
-from eulerparams_control.laws.compiled import (
+from eulerparams_control.laws._old.compiled import (
     NONE,
     Array,
     Input,
@@ -44,6 +43,27 @@ from eulerparams_control.laws.compiled import (
     slot,
     to_rows,
 )
+from eulerparams_control.laws._old.linear import (
+    Mat,
+    MatLike,
+    Vec,
+    VecLike,
+    identity,
+    inverse,
+    mat,
+    norm,
+    put_vec,
+    read_vec,
+    row,
+    vec,
+)
+from eulerparams_control.laws._old.orientation import (
+    Lyapunov,
+    OrientationRepresentation,
+    as_formulas,
+)
+from eulerparams_control.laws._old.orientation.base import Coordinates, law_of
+from eulerparams_control.laws.blend import blend, kept
 from eulerparams_control.laws.compliant_frame import TRANSLATIONAL_FRAMES
 from eulerparams_control.laws.dynamic_control import (
     INFINITE_EFFORT,
@@ -63,22 +83,6 @@ from eulerparams_control.laws.inverse_dynamics import (
     resolve_acceleration,
 )
 from eulerparams_control.laws.limits import without_accelerations
-from eulerparams_control.laws.linear import (
-    Mat,
-    MatLike,
-    Vec,
-    VecLike,
-    identity,
-    inverse,
-    mat,
-    norm,
-    put_vec,
-    read_vec,
-    row,
-    vec,
-)
-from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
-from eulerparams_control.laws.orientation.base import Coordinates, law_of
 from eulerparams_control.laws.scheme import (
     JointCommand,
     LoopGain,
@@ -624,6 +628,7 @@ class ElasticLaw:
     frame: str = "base"
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "orientation", as_formulas(self.orientation))
         if self.frame not in TRANSLATIONAL_FRAMES:
             raise UnknownNameError("translational_frame", self.frame, TRANSLATIONAL_FRAMES)
         for name in ("ratio_p", "ratio_o", "clip_position", "clip_rotation"):

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
-from eulerparams_control.laws.compiled import (
+from eulerparams_control.laws._old.compiled import (
     Array,
     Input,
     Row,
@@ -30,6 +30,19 @@ from eulerparams_control.laws.compiled import (
     template,
     to_rows,
 )
+from eulerparams_control.laws._old.linear import (
+    MatLike,
+    Vec,
+    VecLike,
+    cross,
+    identity,
+    put_vec,
+    row,
+)
+from eulerparams_control.laws._old.matrices import Matrices
+from eulerparams_control.laws._old.orientation import OrientationRepresentation, as_formulas
+from eulerparams_control.laws._old.orientation.base import Coordinates
+from eulerparams_control.laws._old.rotations import exp
 from eulerparams_control.laws.compliance_bounds import ComplianceBounds, Most, bounded
 from eulerparams_control.laws.impedance_change import (
     CHANGE_TIME,
@@ -40,19 +53,7 @@ from eulerparams_control.laws.impedance_change import (
     impedance_between,
     kinetic,
 )
-from eulerparams_control.laws.impedance_matrices import Impedance, Matrices
-from eulerparams_control.laws.linear import (
-    MatLike,
-    Vec,
-    VecLike,
-    cross,
-    identity,
-    put_vec,
-    row,
-)
-from eulerparams_control.laws.orientation import OrientationRepresentation
-from eulerparams_control.laws.orientation.base import Coordinates
-from eulerparams_control.laws.rotations import exp
+from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.motion.frames import (
     AT_ORIGIN,
     DesiredFrame,
@@ -165,6 +166,7 @@ class ComplianceLaw:
     bounds: ComplianceBounds = field(default_factory=ComplianceBounds)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "orientation", as_formulas(self.orientation))
         if self.frame not in TRANSLATIONAL_FRAMES:
             raise UnknownNameError("translational_frame", self.frame, TRANSLATIONAL_FRAMES)
         Z_o = self.orientation.impedance(self.rotation)

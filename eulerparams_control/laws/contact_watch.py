@@ -16,7 +16,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from eulerparams_control.laws.compiled import Array, Input, Row, Rows, entry, kernel
+from eulerparams_control.laws._old.compiled import Array, Input, Row, Rows, entry, kernel
 from eulerparams_control.laws.impedance_matrices import Impedance
 
 # Time constants [s] of the low-pass against noise, of the means, and of the power that swings.

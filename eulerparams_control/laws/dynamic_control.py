@@ -14,8 +14,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, FollowingError, SingularityError
-from eulerparams_control.laws.blend import Blend, blend, kept
-from eulerparams_control.laws.compiled import (
+from eulerparams_control.laws._old.compiled import (
     NONE,
     Array,
     Input,
@@ -28,6 +27,15 @@ from eulerparams_control.laws.compiled import (
     slot,
     to_rows,
 )
+from eulerparams_control.laws._old.linear import Vec, mat, norm, put_vec, read_vec, vec
+from eulerparams_control.laws._old.orientation import (
+    Lyapunov,
+    OrientationRepresentation,
+    as_formulas,
+)
+from eulerparams_control.laws._old.orientation.base import Coordinates, law_of
+from eulerparams_control.laws._old.rotations import chord
+from eulerparams_control.laws.blend import Blend, blend, kept
 from eulerparams_control.laws.hold import (
     NO_CONTACT,
     JointHold,
@@ -57,10 +65,6 @@ from eulerparams_control.laws.limits import (
     excess_after,
     factor_within,
 )
-from eulerparams_control.laws.linear import Vec, mat, norm, put_vec, read_vec, vec
-from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
-from eulerparams_control.laws.orientation.base import Coordinates, law_of
-from eulerparams_control.laws.rotations import chord
 from eulerparams_control.laws.scheme import (
     FAR,
     TURNED,
@@ -296,6 +300,7 @@ class ResolvedAcceleration:
 
     def __post_init__(self) -> None:
         check_gains(self, "k_Pp", "k_Vp", "k_Po", "k_Vo")
+        object.__setattr__(self, "orientation", as_formulas(self.orientation))
 
     def acceleration(
         self, arm: RobotState, desired: DesiredFrame, previous: Any

@@ -37,7 +37,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.compiled import (
+from eulerparams_control.laws._old.compiled import (
     Array,
     Input,
     Inputs,
@@ -48,9 +48,7 @@ from eulerparams_control.laws.compiled import (
     layout,
     to_rows,
 )
-from eulerparams_control.laws.compliant_frame import LawNumbers
-from eulerparams_control.laws.impedance_matrices import Matrices
-from eulerparams_control.laws.linear import (
+from eulerparams_control.laws._old.linear import (
     Vec,
     column,
     identity,
@@ -61,6 +59,8 @@ from eulerparams_control.laws.linear import (
     read_vec,
     vec,
 )
+from eulerparams_control.laws._old.matrices import Matrices
+from eulerparams_control.laws.compliant_frame import LawNumbers
 from eulerparams_control.motion.frames import DesiredFrame
 
 AXES = "xyz"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.compiled import Array, Input, Row, entry, kernel
+from eulerparams_control.laws._old.compiled import Array, Input, Row, entry, kernel
 from eulerparams_control.robot.urdf import COULOMB_SPEED
 
 

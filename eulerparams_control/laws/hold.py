@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws.compiled import Array
+from eulerparams_control.laws._old.compiled import Array
 from eulerparams_control.laws.limits import JointLimits, factor_within
 from eulerparams_control.robot.robot import DynamicState
 

@@ -22,9 +22,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from eulerparams_control.laws.compiled import Array, formula
-from eulerparams_control.laws.impedance_matrices import Impedance, Matrices, square_root
-from eulerparams_control.laws.linear import Mat, Vec, inverse
+from eulerparams_control.laws._old.compiled import Array, formula
+from eulerparams_control.laws._old.linear import Mat, Vec, inverse
+from eulerparams_control.laws._old.matrices import Matrices
+from eulerparams_control.laws.impedance_matrices import Impedance, square_root
 
 CHANGE_TIME = 0.05
 """T [s]: a change is 95 % done after three times that."""

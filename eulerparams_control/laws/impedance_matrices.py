@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.compiled import Array
-from eulerparams_control.laws.linear import MatLike
+from eulerparams_control.laws.jit import Array
 
 # Relative to the largest element: what is rounding, and not a lack of symmetry or a negative value.
 _ROUNDING = 1e-9
@@ -26,11 +25,11 @@ _ROWS, _COLUMNS = np.triu_indices(3)  # xx, xy, xz, yy, yz, zz
 
 
 class Matrices(NamedTuple):
-    """What moves by an impedance, as the formulas take it: ddx = M^-1 (force - D dx - K x)."""
+    """What moves by an impedance: ddx = M^-1 (force - D dx - K x); each (3, 3)."""
 
-    M_inverse: MatLike
-    D: MatLike
-    K: MatLike
+    M_inverse: Array
+    D: Array
+    K: Array
 
 
 @dataclass(frozen=True)

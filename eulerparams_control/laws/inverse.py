@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.compiled import Array, Inputs, Row, Rows, entry, kernel
+from eulerparams_control.laws._old.compiled import Array, Inputs, Row, Rows, entry, kernel
 
 # Two vectors are orthogonal if their cosine is below this; turning all pairs of six so takes
 # five to ten rounds.

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, RobotError
-from eulerparams_control.laws.compiled import (
+from eulerparams_control.laws._old.compiled import (
     NONE,
     Array,
     Input,

@@ -3,9 +3,9 @@
 import numpy as np
 
 from eulerparams_control.errors import RobotError
+from eulerparams_control.laws._old.orientation import representation
+from eulerparams_control.laws._old.rotations import Array, angle_between
 from eulerparams_control.laws.clik import ClikLaw
-from eulerparams_control.laws.orientation import representation
-from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.robot import Robot
 

@@ -19,7 +19,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numba
 import numpy as np
@@ -41,23 +41,23 @@ _ROOMS = tuple(Path(__file__).parents[1] / room for room in ("laws", "motion", "
 _KEPT = 14 * 86400.0
 
 
-def jit(signature: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+def jit[**P, R](signature: Any) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Return what compiles a function for the types of its arguments, given by numba's names.
 
     Divisions by zero give infinity or NaN, as those of numpy do.
     """
 
-    def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+    def compiled(function: Callable[P, R]) -> Callable[P, R]:
         before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, cache_folder()
         try:
-            made: Callable[..., Any] = numba.njit(
-                signature, cache=True, error_model="numpy", no_cfunc_wrapper=True
-            )(function)
+            made = numba.njit(signature, cache=True, error_model="numpy", no_cfunc_wrapper=True)(
+                function
+            )
         finally:
             numba.config.CACHE_DIR = before
-        if not numba.config.DISABLE_JIT and made.stats.cache_misses:  # type: ignore[attr-defined]
+        if not numba.config.DISABLE_JIT and made.stats.cache_misses:
             _announce()
-        return made
+        return cast("Callable[P, R]", made)
 
     return compiled
 

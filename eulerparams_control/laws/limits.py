@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from eulerparams_control.laws.compiled import NONE, Array, Input, Row, Rows, entry, kernel
+from eulerparams_control.laws._old.compiled import NONE, Array, Input, Row, Rows, entry, kernel
 
 POSITION_RATE = 10.0
 """A joint approaches a position limit no faster than its distance times this [1/s]: without

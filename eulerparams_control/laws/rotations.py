@@ -1,10 +1,8 @@
 """Rotations of section II: matrices, Euler parameters, angle and axis.
 
-Notation: ``R`` (3, 3) rotation matrix, ``Q`` Euler parameters (eta, eps) with the
-scalar first, ``theta`` rotation angle [rad], ``r`` (3,) unit axis, ``omega`` (3,)
-angular velocity [rad/s].  Vectors are in the base frame unless a suffix says else.
-
-Each formula takes values, arrays of one sample, or arrays of N samples in a row.
+Notation: ``R`` (3, 3) rotation matrix, ``Q`` Euler parameters {eta, eps} with the scalar first,
+``theta`` rotation angle [rad], ``r`` (3,) unit axis, ``x`` = theta r (3,) rotation vector [rad],
+``omega`` (3,) angular velocity [rad/s].  Vectors are in the base frame unless a suffix says else.
 """
 
 import math
@@ -12,19 +10,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws.compiled import Array, formula
-from eulerparams_control.laws.linear import (
-    Mat,
-    S,
-    Vec,
-    VecLike,
-    cross,
-    identity,
-    norm,
-    outer,
-)
+from eulerparams_control.laws import jit as _jit
+from eulerparams_control.laws.jit import Array, f8, i8, jit, new_matrix, new_vector, types, vector
 
 __all__ = ["Array", "EulerParameters", "S", "cross"]
+
+_matrix = _jit.matrix
+_quaternion = types.Tuple((f8, new_vector))
 
 # Below this angle sin(x)/x and its kin are taken from their Taylor series, whose first
 # omitted term is then below 1e-16.
@@ -44,7 +36,7 @@ class EulerParameters(NamedTuple):
     """
 
     eta: float
-    eps: VecLike
+    eps: Array
 
     @classmethod
     def from_angle_axis(cls, theta: float, r: Array) -> "EulerParameters":
@@ -59,7 +51,7 @@ class EulerParameters(NamedTuple):
     @property
     def R(self) -> Array:
         """The rotation matrix (3, 3), eq. (7)."""
-        return matrix(self)
+        return matrix(self.eta, self.eps)
 
     @property
     def E(self) -> Array:
@@ -70,7 +62,7 @@ class EulerParameters(NamedTuple):
     @property
     def theta(self) -> float:
         """The rotation angle [rad] in [0, pi], whatever the sign of the quaternion."""
-        return angle(self)
+        return 2.0 * math.atan2(norm(self.eps), abs(self.eta))
 
     def __neg__(self) -> "EulerParameters":
         """Return -(eta, eps), the same rotation."""
@@ -82,180 +74,251 @@ class EulerParameters(NamedTuple):
         return EulerParameters(self.eta, -self.eps)
 
 
-@formula
-def R_axis(axis: int, angle: float) -> Mat:
-    """Return the elementary rotation by ``angle`` [rad] about x, y or z (0, 1, 2)."""
-    c, s = math.cos(angle), math.sin(angle)
-    if axis == 0:
-        return Mat(1.0, 0.0, 0.0, 0.0, c, -s, 0.0, s, c)
-    if axis == 1:
-        return Mat(c, 0.0, s, 0.0, 1.0, 0.0, -s, 0.0, c)
-    return Mat(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
+def quaternion(R: Array) -> EulerParameters:
+    """Return {eta, eps} of R (3, 3) with eta >= 0."""
+    return EulerParameters(*shepperd(R))
 
 
-@formula
-def R_angle_axis(theta: float, r: Vec) -> Mat:
-    """Return R of a rotation by theta [rad] about the unit vector r, eq. (4).
-
-    The printed eq. (4) has -sin(theta) S(r), which is R transposed (erratum).
-    """
-    c, s = math.cos(theta), math.sin(theta)
-    return identity(c) + (1.0 - c) * outer(r, r) + s * S(r)
-
-
-@formula
-def quaternion(R: Mat) -> EulerParameters:
-    """Return {eta, eps} of R with eta >= 0, by Shepperd's method.
-
-    The largest of the four is found first, so it works at every angle, theta = pi
-    included, and keeps small angles.
-    """
-    trace = R.xx + R.yy + R.zz
-    largest = max(trace, max(R.xx, max(R.yy, R.zz)))
-    x, y, z = R.zy - R.yz, R.xz - R.zx, R.yx - R.xy
-    if largest == trace:
-        eta = 1.0 + trace
-    elif largest == R.xx:
-        eta, x, y, z = x, 1.0 + 2.0 * R.xx - trace, R.xy + R.yx, R.xz + R.zx
-    elif largest == R.yy:
-        eta, x, y, z = y, R.xy + R.yx, 1.0 + 2.0 * R.yy - trace, R.yz + R.zy
-    else:
-        eta, x, y, z = z, R.xz + R.zx, R.yz + R.zy, 1.0 + 2.0 * R.zz - trace
-    scale = math.copysign(1.0 / math.sqrt(eta * eta + x * x + y * y + z * z), eta)
-    return EulerParameters(eta * scale, Vec(x * scale, y * scale, z * scale))
-
-
-@formula
-def matrix(Q: EulerParameters) -> Mat:
-    """Return R = (eta^2 - eps' eps) I + 2 eps eps' + 2 eta S(eps), eq. (7).
-
-    The printed eq. (7) has -2 eta S(eps), which is R transposed (erratum).
-    """
-    eta, x, y, z = Q.eta, Q.eps.x, Q.eps.y, Q.eps.z
-    d = eta * eta - (x * x + y * y + z * z)
-    return Mat(
-        d + 2.0 * x * x, 2.0 * (x * y - eta * z), 2.0 * (x * z + eta * y),
-        2.0 * (x * y + eta * z), d + 2.0 * y * y, 2.0 * (y * z - eta * x),
-        2.0 * (x * z - eta * y), 2.0 * (y * z + eta * x), d + 2.0 * z * z,
-    )  # fmt: skip
-
-
-@formula
-def angle(Q: EulerParameters) -> float:
-    """Return the rotation angle [rad] in [0, pi], whatever the sign of the quaternion."""
-    return 2.0 * math.atan2(norm(Q.eps), abs(Q.eta))
-
-
-@formula
-def opposite(Q: EulerParameters) -> EulerParameters:
-    """Return -(eta, eps), the same rotation."""
-    return EulerParameters(-Q.eta, -Q.eps)
-
-
-@formula
-def inner(Q_1: EulerParameters, Q_2: EulerParameters) -> float:
-    """Return the inner product of two quaternions: < 0 where their signs are not the same."""
-    return Q_1.eta * Q_2.eta + Q_1.eps @ Q_2.eps
-
-
-@formula
-def mutual(Q_1: EulerParameters, Q_2: EulerParameters) -> EulerParameters:
-    """Return {eta_21, eps_21} in frame 1, of frame 2 relative to frame 1, eqs. (12), (13)."""
-    return EulerParameters(
-        Q_1.eta * Q_2.eta + Q_1.eps @ Q_2.eps,  # eq. (12)
-        Q_1.eta * Q_2.eps - Q_2.eta * Q_1.eps - cross(Q_1.eps, Q_2.eps),  # eq. (13)
-    )
-
-
-def product(Q_1: EulerParameters, Q_2: EulerParameters) -> EulerParameters:
-    """Return the quaternion product, the Euler parameters of R(Q_1) R(Q_2)."""
-    return mutual(Q_1.conjugate, Q_2)
-
-
-@formula
-def mutual_R(R_1: Mat, R_2: Mat) -> EulerParameters:
+def mutual_R(R_1: Array, R_2: Array) -> EulerParameters:
     """Return {eta_21, eps_21} of R_1' R_2, eq. (11), with eta_21 >= 0.
 
     It extracts from the mutual rotation; two quaternions extracted apart and composed
     can be of opposite sign, which makes a small error look like a turn of almost 360 deg.
     """
-    return quaternion(R_1.T @ R_2)
+    return EulerParameters(*shepperd(relative(R_1, R_2)))
 
 
-@formula
-def propagation(Q: EulerParameters, omega: Vec) -> EulerParameters:
-    """Return {deta, deps} for the angular velocity omega [rad/s], eqs. (8), (9).
+def mutual(Q_1: EulerParameters, Q_2: EulerParameters) -> EulerParameters:
+    """Return {eta_21, eps_21} in frame 1, of frame 2 relative to frame 1, eqs. (12), (13)."""
+    return EulerParameters(
+        Q_1.eta * Q_2.eta + dot(Q_1.eps, Q_2.eps),  # eq. (12)
+        Q_1.eta * Q_2.eps - Q_2.eta * Q_1.eps - cross(Q_1.eps, Q_2.eps),  # eq. (13)
+    )
+
+
+def product_of(Q_1: EulerParameters, Q_2: EulerParameters) -> EulerParameters:
+    """Return the quaternion product, the Euler parameters of R(Q_1) R(Q_2)."""
+    return mutual(Q_1.conjugate, Q_2)
+
+
+def propagation(Q: EulerParameters, omega: Array) -> EulerParameters:
+    """Return {deta, deps} for the angular velocity omega (3,) [rad/s], eqs. (8), (9).
 
     Also eqs. (16), (17), with the mutual quaternion and the relative velocity in frame 1.
     """
     return EulerParameters(
-        -0.5 * (Q.eps @ omega),  # eq. (8)
+        -0.5 * dot(Q.eps, omega),  # eq. (8)
         0.5 * (Q.eta * omega - cross(Q.eps, omega)),  # eqs. (9), (10)
     )
 
 
-@formula
-def exp(x: Vec) -> Mat:
+# --- products of vectors (3,) and matrices (3, 3) ---------------------------------------------
+
+
+@jit(f8(vector, vector))
+def dot(v: Array, w: Array) -> float:
+    """Return v' w."""
+    return v[0] * w[0] + v[1] * w[1] + v[2] * w[2]
+
+
+@jit(f8(vector))
+def norm(v: Array) -> float:
+    """Return |v|."""
+    return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+@jit(new_vector(vector, vector))
+def cross(v: Array, w: Array) -> Array:
+    """Return v x w."""
+    u = np.empty(3)
+    u[0] = v[1] * w[2] - v[2] * w[1]
+    u[1] = v[2] * w[0] - v[0] * w[2]
+    u[2] = v[0] * w[1] - v[1] * w[0]
+    return u
+
+
+@jit(new_matrix(vector))
+def S(v: Array) -> Array:
+    """Return the skew-symmetric matrix with S(v) w = v x w, as in eq. (1)."""
+    A = np.zeros((3, 3))
+    A[0, 1], A[0, 2], A[1, 2] = -v[2], v[1], -v[0]
+    A[1, 0], A[2, 0], A[2, 1] = v[2], -v[1], v[0]
+    return A
+
+
+@jit(new_vector(_matrix, vector))
+def turn(R: Array, v: Array) -> Array:
+    """Return R v."""
+    u = np.empty(3)
+    for i in range(3):
+        u[i] = R[i, 0] * v[0] + R[i, 1] * v[1] + R[i, 2] * v[2]
+    return u
+
+
+@jit(new_vector(_matrix, vector))
+def turn_back(R: Array, v: Array) -> Array:
+    """Return R' v."""
+    u = np.empty(3)
+    for i in range(3):
+        u[i] = R[0, i] * v[0] + R[1, i] * v[1] + R[2, i] * v[2]
+    return u
+
+
+@jit(new_matrix(_matrix, _matrix))
+def product(A: Array, B: Array) -> Array:
+    """Return A B."""
+    C = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            C[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+    return C
+
+
+@jit(new_matrix(_matrix, _matrix))
+def relative(R_1: Array, R_2: Array) -> Array:
+    """Return R_1' R_2."""
+    C = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            C[i, j] = R_1[0, i] * R_2[0, j] + R_1[1, i] * R_2[1, j] + R_1[2, i] * R_2[2, j]
+    return C
+
+
+@jit(new_matrix(vector, vector))
+def outer(v: Array, w: Array) -> Array:
+    """Return v w'."""
+    A = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            A[i, j] = v[i] * w[j]
+    return A
+
+
+@jit(new_vector(_matrix, vector))
+def solve(A: Array, b: Array) -> Array:
+    """Return A^-1 b by Cramer's rule; NaN where A is singular."""
+    a_1, a_2, a_3 = A[:, 0], A[:, 1], A[:, 2]
+    a_23 = cross(a_2, a_3)
+    det = dot(a_1, a_23)
+    x = np.full(3, np.nan)
+    if det != 0.0:
+        x[0] = dot(b, a_23) / det
+        x[1] = dot(b, cross(a_3, a_1)) / det
+        x[2] = dot(b, cross(a_1, a_2)) / det
+    return x
+
+
+@jit(new_matrix(_matrix))
+def inverse(A: Array) -> Array:
+    """Return A^-1; NaN where A is singular."""
+    B, I = np.empty((3, 3)), np.eye(3)
+    for j in range(3):
+        B[:, j] = solve(A, I[j])
+    return B
+
+
+# --- rotations --------------------------------------------------------------------------------
+
+
+@jit(new_matrix(i8, f8))
+def R_axis(axis: int, angle: float) -> Array:
+    """Return the elementary rotation by ``angle`` [rad] about x, y or z (0, 1, 2)."""
+    c, s = math.cos(angle), math.sin(angle)
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    R = np.zeros((3, 3))
+    R[axis, axis], R[j, j], R[k, k] = 1.0, c, c
+    R[j, k], R[k, j] = -s, s
+    return R
+
+
+@jit(new_matrix(f8, vector))
+def R_angle_axis(theta: float, r: Array) -> Array:
+    """Return R of a rotation by theta [rad] about the unit vector r, eq. (4).
+
+    The printed eq. (4) has -sin(theta) S(r), which is R transposed (erratum).
+    """
+    c, s = math.cos(theta), math.sin(theta)
+    return c * np.eye(3) + (1.0 - c) * outer(r, r) + s * S(r)
+
+
+@jit(_quaternion(_matrix))
+def shepperd(R: Array) -> tuple[float, Array]:
+    """Return (eta, eps) of R with eta >= 0, by Shepperd's method.
+
+    The largest of the four is found first, so it works at every angle, theta = pi
+    included, and keeps small angles.
+    """
+    trace = R[0, 0] + R[1, 1] + R[2, 2]
+    largest = max(trace, R[0, 0], R[1, 1], R[2, 2])
+    eps = np.empty(3)
+    eps[0], eps[1], eps[2] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    eta = 1.0 + trace
+    if largest != trace:
+        i = 0 if largest == R[0, 0] else (1 if largest == R[1, 1] else 2)
+        j, k = (i + 1) % 3, (i + 2) % 3
+        eta = eps[i]
+        eps[i] = 1.0 + 2.0 * R[i, i] - trace
+        eps[j], eps[k] = R[i, j] + R[j, i], R[k, i] + R[i, k]
+    scale = math.copysign(1.0 / math.sqrt(eta * eta + dot(eps, eps)), eta)
+    return eta * scale, eps * scale
+
+
+@jit(new_matrix(f8, vector))
+def matrix(eta: float, eps: Array) -> Array:
+    """Return R = (eta^2 - eps' eps) I + 2 eps eps' + 2 eta S(eps), eq. (7).
+
+    The printed eq. (7) has -2 eta S(eps), which is R transposed (erratum).
+    """
+    R = 2.0 * outer(eps, eps) + (2.0 * eta) * S(eps)
+    for i in range(3):
+        R[i, i] += eta * eta - dot(eps, eps)
+    return R
+
+
+@jit(new_matrix(vector))
+def exp(x: Array) -> Array:
     """Return R of the rotation vector x = theta r [rad]."""
     theta = norm(x)
     # sin(theta / 2) / theta
     half = math.sin(theta / 2.0) / theta if theta > SMALL_ANGLE else 0.5 - theta * theta / 48.0
-    return matrix(EulerParameters(math.cos(theta / 2.0), half * x))
+    return matrix(math.cos(theta / 2.0), half * x)
 
 
-@formula
-def log(R: Mat) -> Vec:
-    """Return the rotation vector theta r [rad] of R, theta in [0, pi]."""
-    return rotation_vector(quaternion(R))
-
-
-@formula
-def rotation_vector(Q: EulerParameters) -> Vec:
-    """Return theta r [rad] of Q, with theta in [0, 2 pi): that of its sign."""
-    sine = norm(Q.eps)
-    if sine < SMALL_ANGLE and Q.eta > 0.0:
-        return ((2.0 / Q.eta) * (1.0 - sine * sine / (3.0 * Q.eta * Q.eta))) * Q.eps
+@jit(new_vector(f8, vector))
+def rotation_vector(eta: float, eps: Array) -> Array:
+    """Return theta r [rad], with theta in [0, 2 pi): that of the sign of the quaternion."""
+    sine = norm(eps)
+    if sine < SMALL_ANGLE and eta > 0.0:
+        return (2.0 / eta) * (1.0 - sine * sine / (3.0 * eta * eta)) * eps
     if sine > 0.0:
-        return (2.0 * math.atan2(sine, Q.eta) / sine) * Q.eps
-    return 0.0 * Q.eps
+        return (2.0 * math.atan2(sine, eta) / sine) * eps
+    return 0.0 * eps
 
 
-class BodyRates(NamedTuple):
-    """Angular velocity and acceleration (3,) of R = exp(x) in the turned frame."""
-
-    omega: VecLike
-    domega: VecLike
-
-
-@formula
-def body_rates(x: Vec, dx: Vec, ddx: Vec) -> BodyRates:
-    """Return J_r dx and J_r ddx + dJ_r dx, with dJ_r the time derivative of J_r.
-
-    Args:
-        x, dx, ddx: (3,) rotation vector and its derivatives [rad, rad/s, rad/s^2].
-    """
-    a, b, da, db = jacobian_coefficients(norm(x))
-    x_dx, x_ddx = cross(x, dx), cross(x, ddx)
-    x_x_dx = cross(x, x_dx)
-    dJ_dx = b * cross(dx, x_dx) + (x @ dx) * (db * x_x_dx - da * x_dx)
-    return BodyRates(
-        dx - a * x_dx + b * x_x_dx,
-        ddx - a * x_ddx + b * cross(x, x_ddx) + dJ_dx,
-    )
+@jit(new_vector(_matrix))
+def log(R: Array) -> Array:
+    """Return the rotation vector theta r [rad] of R, theta in [0, pi]."""
+    eta, eps = shepperd(R)
+    return rotation_vector(eta, eps)
 
 
-@formula
-def right_jacobian(x: Vec) -> Mat:
-    """Return J_r(x): the angular velocity in the turned frame is J_r(x) dx.
-
-    Of R = exp(x), x = theta r [rad]: J_r = I - a S(x) + b S(x)^2 with
-    a = (1 - cos(theta)) / theta^2 and b = (theta - sin(theta)) / theta^3.
-    """
-    a, b, _, _ = jacobian_coefficients(norm(x))
-    return identity(1.0) - a * S(x) + b * (S(x) @ S(x))
+@jit(f8(_matrix, _matrix))
+def chord(R_1: Array, R_2: Array) -> float:
+    """Return 2 sin(theta / 2) of the rotation from R_1 to R_2: its angle, where that is small."""
+    trace = 0.0
+    for i in range(3):
+        trace += dot(R_1[:, i], R_2[:, i])
+    return math.sqrt(max(3.0 - trace, 0.0))
 
 
-@formula
+@jit(f8(_matrix, _matrix))
+def angle_between(R_1: Array, R_2: Array) -> float:
+    """Return the angle [rad] in [0, pi] of the rotation from R_1 to R_2."""
+    eta, eps = shepperd(relative(R_1, R_2))
+    return 2.0 * math.atan2(norm(eps), abs(eta))
+
+
+@jit(types.UniTuple(f8, 4)(f8))
 def jacobian_coefficients(theta: float) -> tuple[float, float, float, float]:
     """Return a, b of J_r and a'(theta) / theta, b'(theta) / theta."""
     t2 = theta * theta
@@ -273,14 +336,26 @@ def jacobian_coefficients(theta: float) -> tuple[float, float, float, float]:
     return a, b, (sin / theta - 2.0 * a) / t2, ((1.0 - cos) / t2 - 3.0 * b) / t2
 
 
-@formula
-def chord(R_1: Mat, R_2: Mat) -> float:
-    """Return 2 sin(theta / 2) of the rotation from R_1 to R_2: its angle, where that is small."""
-    Q = R_1.T @ R_2
-    return math.sqrt(max(3.0 - (Q.xx + Q.yy + Q.zz), 0.0))
+@jit(new_matrix(vector))
+def right_jacobian(x: Array) -> Array:
+    """Return J_r(x): the angular velocity in the turned frame is J_r(x) dx.
+
+    Of R = exp(x), x = theta r [rad]: J_r = I - a S(x) + b S(x)^2 with
+    a = (1 - cos(theta)) / theta^2 and b = (theta - sin(theta)) / theta^3.
+    """
+    a, b, _, _ = jacobian_coefficients(norm(x))
+    return np.eye(3) - a * S(x) + b * product(S(x), S(x))
 
 
-@formula
-def angle_between(R_1: Mat, R_2: Mat) -> float:
-    """Return the angle [rad] in [0, pi] of the rotation from R_1 to R_2."""
-    return angle(mutual_R(R_1, R_2))
+@jit(types.UniTuple(new_vector, 2)(vector, vector, vector))
+def body_rates(x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
+    """Return omega = J_r dx and domega = J_r ddx + dJ_r dx of R = exp(x), in the turned frame.
+
+    Args:
+        x, dx, ddx: (3,) rotation vector and its derivatives [rad, rad/s, rad/s^2].
+    """
+    a, b, da, db = jacobian_coefficients(norm(x))
+    x_dx, x_ddx = cross(x, dx), cross(x, ddx)
+    x_x_dx = cross(x, x_dx)
+    dJ_dx = b * cross(dx, x_dx) + dot(x, dx) * (db * x_x_dx - da * x_dx)
+    return dx - a * x_dx + b * x_x_dx, ddx - a * x_ddx + b * cross(x, x_ddx) + dJ_dx

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, FollowingError
-from eulerparams_control.laws.compiled import NONE, Input, Inputs, entry, kernel, layout
+from eulerparams_control.laws._old.compiled import NONE, Input, Inputs, entry, kernel, layout
+from eulerparams_control.laws._old.linear import Mat, Vec, mat, norm, vec
+from eulerparams_control.laws._old.orientation import Lyapunov
+from eulerparams_control.laws._old.rotations import Array, angle_between
 from eulerparams_control.laws.limits import JointLimits
-from eulerparams_control.laws.linear import Mat, Vec, mat, norm, vec
-from eulerparams_control.laws.orientation import Lyapunov
-from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.motion.frames import DesiredFrame, frame_of
 from eulerparams_control.motion.motion_limits import NO_LIMITS, MotionLimits, TipLimits
 from eulerparams_control.robot.chain import arm_width

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.compiled import (
+from eulerparams_control.laws._old.compiled import (
     NONE,
     Array,
     Input,
@@ -28,8 +28,7 @@ from eulerparams_control.laws.compiled import (
     layout,
     to_rows,
 )
-from eulerparams_control.laws.limits import JointLimits
-from eulerparams_control.laws.linear import (
+from eulerparams_control.laws._old.linear import (
     MatLike,
     Vec,
     VecLike,
@@ -40,6 +39,7 @@ from eulerparams_control.laws.linear import (
     read_vec,
     vec,
 )
+from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.robot.robot import Robot, RobotState, Tool
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.laws.compiled import Bytes, Places, Row, entry
+from eulerparams_control.laws._old.compiled import Bytes, Places, Row, entry
 
 JointsAt = tuple[NDArray[np.uint8], NDArray[np.int64]]
 """Which bytes of a layout are fixed, with these behind them; and where its numbers begin."""

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws.compiled import Array, Row, Rows, entry
+from eulerparams_control.laws._old.compiled import Array, Row, Rows, entry
 from eulerparams_control.motion.frames import DesiredFrame, at_pace, put_frame
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.trajectories import (

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws.compiled import Array
+from eulerparams_control.laws._old.compiled import Array
 
 # Semi-axes along which there is no stiffness are drawn this thin, of the longest.
 _THIN = 0.02

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import SingularityError
-from eulerparams_control.laws.compiled import Array, Input, Inputs, formula, kernel, layout
-from eulerparams_control.laws.linear import MatLike, Vec, VecLike, cross, mat, norm, vec
-from eulerparams_control.laws.rotations import angle_between, exp
+from eulerparams_control.laws._old.compiled import Array, Input, Inputs, formula, kernel, layout
+from eulerparams_control.laws._old.linear import MatLike, Vec, VecLike, cross, mat, norm, vec
+from eulerparams_control.laws._old.rotations import angle_between, exp
 
 _ZERO = np.zeros(3)
 _ZERO.setflags(write=False)

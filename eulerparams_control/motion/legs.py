@@ -5,9 +5,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-from eulerparams_control.laws.compiled import NONE, Array, formula
-from eulerparams_control.laws.linear import Vec, norm
-from eulerparams_control.laws.rotations import log
+from eulerparams_control.laws._old.compiled import NONE, Array, formula
+from eulerparams_control.laws._old.linear import Vec, norm
+from eulerparams_control.laws._old.rotations import log
 from eulerparams_control.motion.frames import DesiredFrame, apart
 from eulerparams_control.motion.motion_limits import MotionLimits, TipLimits
 from eulerparams_control.motion.plan import Sample, bounded

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws.compiled import Array, kernel, layout
+from eulerparams_control.laws._old.compiled import Array, kernel, layout
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError
 from ruckig import Trajectory as Profile
 
-from eulerparams_control.laws.compiled import Array, formula
-from eulerparams_control.laws.linear import Mat, Vec, columns, cross, identity, norm
+from eulerparams_control.laws._old.compiled import Array, formula
+from eulerparams_control.laws._old.linear import Mat, Vec, columns, cross, identity, norm
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import MotionLimits, TipLimits
 from eulerparams_control.motion.trajectories import perpendicular, rotation_vector_at_end, turned

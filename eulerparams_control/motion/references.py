@@ -1,6 +1,6 @@
 """References besides trajectories: set-points, goals, twists."""
 
-from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws._old.rotations import Array
 from eulerparams_control.motion.frames import DesiredFrame
 
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws._old.rotations import Array
 from eulerparams_control.motion.dilation import Dilated, Ramped, within
 from eulerparams_control.motion.frames import DesiredFrame, as_frame, distance
 from eulerparams_control.motion.legs import Leg, bounded, is_alike, is_there, passes, resting

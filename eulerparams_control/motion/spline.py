@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.compiled import Array, Row, Rows, entry, kernel
-from eulerparams_control.laws.linear import Vec, norm
-from eulerparams_control.laws.rotations import body_rates
+from eulerparams_control.laws._old.compiled import Array, Row, Rows, entry, kernel
+from eulerparams_control.laws._old.linear import Vec, norm
+from eulerparams_control.laws._old.rotations import body_rates
 from eulerparams_control.motion.dilation import Dilated, Ramped, is_within, ramped, within
 from eulerparams_control.motion.frames import DesiredFrame, apart, read_frame
 from eulerparams_control.motion.motion_limits import MotionLimits

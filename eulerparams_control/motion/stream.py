@@ -9,9 +9,9 @@ interval between two of them has to do with the rate of the filter is its time c
 
 import math
 
-from eulerparams_control.laws.compiled import formula
-from eulerparams_control.laws.linear import norm
-from eulerparams_control.laws.rotations import exp, log
+from eulerparams_control.laws._old.compiled import formula
+from eulerparams_control.laws._old.linear import norm
+from eulerparams_control.laws._old.rotations import exp, log
 from eulerparams_control.motion.frames import DesiredFrame, moved
 from eulerparams_control.motion.motion_limits import MotionLimits
 

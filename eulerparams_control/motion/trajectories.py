@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.compiled import (
+from eulerparams_control.laws._old.compiled import (
     Array,
     Input,
     Row,
@@ -30,8 +30,8 @@ from eulerparams_control.laws.compiled import (
     kernel,
     layout,
 )
-from eulerparams_control.laws.linear import Mat, Vec, cross, norm, solve
-from eulerparams_control.laws.rotations import (
+from eulerparams_control.laws._old.linear import Mat, Vec, cross, norm, solve
+from eulerparams_control.laws._old.rotations import (
     R_angle_axis,
     body_rates,
     exp,

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, NotCompiledError
-from eulerparams_control.laws.compiled import nothing_compiled
+from eulerparams_control.laws._old.compiled import nothing_compiled
 from eulerparams_control.laws.inverse import DampedInverse
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import (

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws.compiled import (
+from eulerparams_control.laws._old.compiled import (
     Array,
     Input,
     Inputs,
@@ -22,8 +22,8 @@ from eulerparams_control.laws.compiled import (
     layout,
     to_rows,
 )
-from eulerparams_control.laws.linear import Mat, Vec, cross, identity, outer
-from eulerparams_control.laws.rotations import R_angle_axis
+from eulerparams_control.laws._old.linear import Mat, Vec, cross, identity, outer
+from eulerparams_control.laws._old.rotations import R_angle_axis
 
 
 class Link(NamedTuple):

@@ -23,7 +23,7 @@ from eulerparams_control.errors import (
     defect,
 )
 from eulerparams_control.events import Event, tell
-from eulerparams_control.laws.compiled import nothing_compiled
+from eulerparams_control.laws._old.compiled import nothing_compiled
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.scheme import Scheme
 from eulerparams_control.messages.keys import Lifecycle

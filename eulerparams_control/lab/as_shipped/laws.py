@@ -23,28 +23,28 @@ K_R.
 import math
 from typing import Any
 
-from eulerparams_control.laws.compiled import Formula, formula, slot, template
-from eulerparams_control.laws.impedance_matrices import Matrices
-from eulerparams_control.laws.linear import Mat, Vec, cross, identity
-from eulerparams_control.laws.orientation.angle_axis import AngleAxisRepresentation
-from eulerparams_control.laws.orientation.base import Coordinates
-from eulerparams_control.laws.orientation.euler_parameters import (
+from eulerparams_control.laws._old.compiled import Formula, formula, slot, template
+from eulerparams_control.laws._old.linear import Mat, Vec, cross, identity
+from eulerparams_control.laws._old.matrices import Matrices
+from eulerparams_control.laws._old.orientation.angle_axis import AngleAxisRepresentation
+from eulerparams_control.laws._old.orientation.base import Coordinates
+from eulerparams_control.laws._old.orientation.euler_parameters import (
     EulerParametersRepresentation,
     QuaternionDisplacement,
     elastic_energy,
 )
-from eulerparams_control.laws.orientation.relative_quaternion import (
+from eulerparams_control.laws._old.orientation.relative_quaternion import (
     Elastic,
     RelativeQuaternionRepresentation,
     RelativeTurn,
     relative_compliance,
     relative_spring,
 )
-from eulerparams_control.laws.orientation.rotation_vector import (
+from eulerparams_control.laws._old.orientation.rotation_vector import (
     RotationVectorRepresentation,
     short_vector,
 )
-from eulerparams_control.laws.rotations import EulerParameters, matrix, propagation
+from eulerparams_control.laws._old.rotations import EulerParameters, matrix, propagation
 
 PREFIX = "as_shipped"
 

@@ -14,8 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws.clik import Clik, ClikLaw, _tick, over
-from eulerparams_control.laws.compiled import (
+from eulerparams_control.laws._old.compiled import (
     Formula,
     Input,
     Inputs,
@@ -25,12 +24,13 @@ from eulerparams_control.laws.compiled import (
     slot,
     template,
 )
+from eulerparams_control.laws._old.linear import Mat, Vec, VecLike, cross, put_vec, solve
+from eulerparams_control.laws._old.orientation.base import OrientationRepresentation, law_of
+from eulerparams_control.laws._old.orientation.euler_parameters import EulerParametersRepresentation
+from eulerparams_control.laws._old.orientation.rotation_vector import RotationVectorRepresentation
+from eulerparams_control.laws._old.rotations import log, quaternion, right_jacobian
+from eulerparams_control.laws.clik import Clik, ClikLaw, _tick, over
 from eulerparams_control.laws.inverse import invert, resolve
-from eulerparams_control.laws.linear import Mat, Vec, VecLike, cross, put_vec, solve
-from eulerparams_control.laws.orientation.base import OrientationRepresentation, law_of
-from eulerparams_control.laws.orientation.euler_parameters import EulerParametersRepresentation
-from eulerparams_control.laws.orientation.rotation_vector import RotationVectorRepresentation
-from eulerparams_control.laws.rotations import log, quaternion, right_jacobian
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import TipLimits
 

@@ -1,41 +1,23 @@
 """Interface of the representations of the orientation displacement, and their registry.
 
-Each place where the paper's equations change with the representation is one formula, or one
-method of :class:`OrientationRepresentation`; the schemes know nothing else of it.  A new one is
-one file with a subclass, and a line in ``orientation/__init__.py``.
+Each place where the paper's equations change with the representation is one method of
+:class:`OrientationRepresentation`; the laws know nothing else of it.  A new one is one file with a
+subclass, and a line in ``orientation/__init__.py``.
 
-Notation: ``R_d``, ``R_e`` (3, 3) desired and end-effector orientation in the base
-frame, ``omega_d`` (3,) [rad/s] desired angular velocity, ``x_de`` the displacement.
+Notation: ``R_d``, ``R_e``, ``R_c`` (3, 3) desired, end-effector and compliant orientation in the
+base frame, ``omega_d`` (3,) [rad/s] desired angular velocity, ``x_de`` the displacement, ``mu``
+(3,) [Nm] contact moment, ``y`` state of the rotational impedance, ``u`` what drives it.
 """
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache, cached_property
 from typing import Any, ClassVar, NamedTuple
 
-import numpy as np
-
 from eulerparams_control.errors import SingularityError, UnknownNameError
-from eulerparams_control.laws.compiled import (
-    Formula,
-    Input,
-    Inputs,
-    Row,
-    RowLayout,
-    entry,
-    formula,
-    kernel,
-    layout,
-    slot,
-    template,
-    to_rows,
-)
-from eulerparams_control.laws.impedance_matrices import Impedance
-from eulerparams_control.laws.linear import Mat, MatLike, Vec, VecLike, mat
-from eulerparams_control.laws.orientation.sequences import Axes, EulerSequence
-from eulerparams_control.laws.orientation.sign import Sign, SignRule
+from eulerparams_control.laws.impedance_matrices import Impedance, Matrices
+from eulerparams_control.laws.orientation.sequences import EulerSequence
+from eulerparams_control.laws.orientation.sign import SignRule
 from eulerparams_control.laws.rotations import Array
 
 
@@ -43,7 +25,7 @@ class Lyapunov(NamedTuple):
     """A Lyapunov function of the orientation error along the closed loop.
 
     Attributes:
-        V: its value; (N,) of N displacements at once.
+        V: its value.
         dV: its time derivative [1/s] as the paper gives it.
     """
 
@@ -59,53 +41,9 @@ class CompliantRotation(NamedTuple):
         omega_c, domega_c: (3,) [rad/s], [rad/s^2].
     """
 
-    R_c: MatLike
-    omega_c: VecLike
-    domega_c: VecLike
-
-
-class Coordinates(NamedTuple):
-    """The options as the formulas take them."""
-
-    axes: Axes
-    sign: Sign
-
-
-class Laws(NamedTuple):
-    """The formulas of a representation for one sample.
-
-    Attributes:
-        displacement: x_de (R_d, R_e, previous, options), eqs. (22), (27); ``previous`` is that of
-            the sample before, zeros at the first.
-        velocity: omega (x_de, omega_d, k_Po, options) [rad/s] that CLIK asks for, eqs. (23), (28).
-        acceleration: a_o (x_de, omega_d, domega_d, omega_e, k_Po, k_Vo, options) [rad/s^2] of
-            dynamic control, eqs. (38), (40).
-    """
-
-    displacement: Formula
-    velocity: Formula
-    acceleration: Formula
-
-
-class Compliance(NamedTuple):
-    """The formulas of the rotational impedance of a representation for one sample.
-
-    Attributes:
-        begin: state y (R_d, omega_d, R_c, omega_c, options), relative to the desired frame: the
-            displacement and its rate.
-        drive: u (R_d, mu, previous, options), what it is driven by, interpolated between samples;
-            ``previous`` is that of the sample before, zeros at the first.
-        rate: dy (y, u, Z, options), eqs. (55), (59), Z in the coordinates of the representation.
-        normalised: y (y) after a step of integration, freed of its rounding.
-        end: the compliant rotation (y, dy, u, R_d, omega_d, domega_d, options) in the base frame,
-            the inverse of the beginning.
-    """
-
-    begin: Formula
-    drive: Formula
-    rate: Formula
-    normalised: Formula
-    end: Formula
+    R_c: Array
+    omega_c: Array
+    domega_c: Array
 
 
 class RotationalSpring(NamedTuple):
@@ -117,15 +55,9 @@ class RotationalSpring(NamedTuple):
         axes: (3, 3) A of the stiffness A K_o A' [Nm/rad] that small turns from there feel.
     """
 
-    moment: VecLike
+    moment: Array
     energy: float
-    axes: MatLike
-
-
-@formula
-def moment_in_desired_axes(R_d: Mat, mu: Vec, previous: Vec, options: Coordinates) -> Vec:
-    """Return mu^d = R_d' mu (3,): what relative displacements are driven by."""
-    return R_d.T @ mu
+    axes: Array
 
 
 @dataclass(frozen=True)
@@ -140,52 +72,6 @@ class OrientationOptions:
     sequence: EulerSequence = field(default_factory=EulerSequence)
     sign: SignRule = field(default_factory=SignRule)
 
-    @cached_property
-    def values(self) -> Coordinates:
-        """The options as the formulas take them."""
-        return Coordinates(self.sequence.axes, self.sign.values)
-
-    @cached_property
-    def row(self) -> Array:
-        """The options as a row."""
-        return to_rows(Coordinates, self.values)
-
-
-displacement = read = put = slot  # of a representation
-_read_options = layout(Coordinates).read
-
-
-def _displaced(R_d: Inputs, R_e: Inputs, previous: Input, options: Input, x_de: Row) -> None:
-    before = read(previous, 0)
-    put(x_de, 0, displacement(mat(R_d), mat(R_e), before, _read_options(options, 0)))
-
-
-@cache
-def law_of(
-    call: Callable[..., int], law: Callable[..., Any], kind: type["OrientationRepresentation"]
-) -> Callable[..., int]:
-    """Return what Python calls of a law, compiled for a representation; there its name is ``law``.
-
-    In the law the names of formulas are those of the representation, ``spring`` among them.
-    """
-    formulas = kind.laws._asdict() | {"spring": kind.spring}
-    made = kernel(template(law, _name_of(law, kind), **formulas))
-    return entry_of(call, kind, law=made)
-
-
-@cache
-def entry_of(
-    call: Callable[..., Any], kind: type["OrientationRepresentation"], **slots: Any
-) -> Callable[..., Any]:
-    """Return what Python calls of displacements, compiled for a representation."""
-    rows = layout(kind.laws.displacement.result)
-    slots |= {"displacement": kind.laws.displacement, "read": rows.read, "put": rows.put}
-    return entry(template(call, _name_of(call, kind), **slots))
-
-
-def _name_of(function: Callable[..., Any], kind: type["OrientationRepresentation"]) -> str:
-    return f"{function.__module__}_{function.__name__}_{kind.identifier()}".replace(".", "_")
-
 
 class OrientationRepresentation(ABC):
     """One representation of the orientation displacement, as the laws use it.
@@ -195,18 +81,12 @@ class OrientationRepresentation(ABC):
         symbol: of its orientation error, in words.
         unit: of that; "rad" or "".
         slope: [1/rad] of that where the displacement is small.
-        laws: its formulas.
-        compliance: those of its rotational impedance.
-        spring: what a stiffness does (R_d, R_e, K_o, options), K_o in its coordinates.
     """
 
     name: ClassVar[str]
     symbol: ClassVar[str] = "orientation error"
     unit: ClassVar[str] = ""
     slope: ClassVar[float] = 1.0
-    laws: ClassVar[Laws]
-    compliance: ClassVar[Compliance]
-    spring: ClassVar[Formula]
     registry: ClassVar[dict[str, type["OrientationRepresentation"]]] = {}
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -226,35 +106,22 @@ class OrientationRepresentation(ABC):
     def __hash__(self) -> int:
         return hash((type(self), self.options))
 
-    @cached_property
-    def _none(self) -> Any:
-        """The value of the displacement before the first."""
-        return self.rows.unpack(np.zeros(self.rows.width))
+    # --- the loop: sections III and IV --------------------------------------------------------
 
+    @abstractmethod
     def displacement(self, R_d: Array, R_e: Array, previous: Any = None) -> Any:
         """Return the displacement x_de of R_d from R_e, eqs. (22), (27).
 
-        Its ``error`` (3,) is what the gains act on, zero where the frames are aligned.  That of N
-        successive samples is one whose fields are stacked.
+        Its ``error`` (3,) is what the gains act on, zero where the frames are aligned.
 
         Args:
-            R_d: desired orientation (3, 3), or (N, 3, 3).
-            R_e: end-effector orientation (3, 3), or (N, 3, 3).
+            R_d, R_e: (3, 3).
             previous: the displacement of the sample before, or None at the first; what
                 is not unique (a sign, an angle at the pole) follows from it.
         """
-        if np.ndim(R_d) == 2 == np.ndim(R_e):
-            return self.rows.unpack(self.displaced(R_d, R_e, self.row(previous)))
-        before = self._none if previous is None else previous
-        return self.laws.displacement(R_d, R_e, before, self.options.values)
 
-    def displaced(self, R_d: Array, R_e: Array, previous: Array) -> Array:
-        """Return the displacement of one sample as a row, from that before; see ``rows``."""
-        x_de = np.empty(self.rows.width)
-        entry_of(_displaced, type(self))(R_d, R_e, previous, self.options.row, x_de)
-        return x_de
-
-    def resolved_velocity(self, x_de: Any, omega_d: Array, k_Po: float) -> Array:
+    @abstractmethod
+    def velocity(self, x_de: Any, omega_d: Array, k_Po: float) -> Array:
         """Return the angular velocity omega (3,) [rad/s] that CLIK asks for.
 
         The lower half of the bracket of (28), or of T times that of (23), in the base
@@ -268,9 +135,9 @@ class OrientationRepresentation(ABC):
         Raises:
             SingularityError: if there is no finite answer.
         """
-        return self._finite(self.laws.velocity(x_de, omega_d, k_Po, self.options.values))
 
-    def resolved_acceleration(
+    @abstractmethod
+    def acceleration(
         self, x_de: Any, omega_d: Array, domega_d: Array, omega_e: Array, k_Po: float, k_Vo: float
     ) -> Array:
         """Return the angular acceleration a_o (3,) [rad/s^2] of dynamic control, eqs. (38), (40).
@@ -288,34 +155,19 @@ class OrientationRepresentation(ABC):
         Raises:
             SingularityError: if there is no finite answer.
         """
-        acceleration, options = self.laws.acceleration, self.options.values
-        return self._finite(acceleration(x_de, omega_d, domega_d, omega_e, k_Po, k_Vo, options))
 
-    def prepare(self) -> None:
-        """Compile its displacement, now."""
-        entry_of(_displaced, type(self))
-
-    @classmethod
-    def identifier(cls) -> str:
-        """Return a name of its own for what is compiled of it."""
-        return f"{cls.__module__}_{cls.__qualname__}".replace(".", "_")
-
-    @cached_property
-    def rows(self) -> RowLayout:
-        """How a displacement lies in a row of floats."""
-        return layout(self.laws.displacement.result)
-
-    def row(self, x_de: Any) -> Array:
-        """Return a displacement as a row of floats; None is that before the first."""
-        return np.zeros(self.rows.width) if x_de is None else self.rows.pack(x_de)
+    @abstractmethod
+    def singularity_distance(self, R_d: Array, R_e: Array) -> float:
+        """Return the angle [rad] to the nearest singularity of the law; inf if it has none."""
 
     @property
     def singularity(self) -> str:
         """What is singular where the law has no answer, and what helps."""
         return f"the law of {self.name} is singular; use orientation: euler_parameters"
 
-    def _finite(self, v: Array) -> Array:
-        if np.isnan(v).any():
+    def finite(self, v: Array) -> Array:
+        """Return v (3,); raises SingularityError if it is not a number."""
+        if math.isnan(v[0]):
             raise SingularityError(self.singularity)
         return v
 
@@ -329,9 +181,43 @@ class OrientationRepresentation(ABC):
         Args:
             x_de: from :meth:`displacement`.
             omega_de: omega_d - omega_e (3,) [rad/s], base frame.
-            k_Po, k_Vo: gains of :meth:`resolved_acceleration`.
+            k_Po, k_Vo: gains of :meth:`acceleration`.
         """
         return None
+
+    # --- the rotational impedance: section V --------------------------------------------------
+
+    @abstractmethod
+    def begin(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
+        """Return the state y, relative to the desired frame: the displacement and its rate."""
+
+    @abstractmethod
+    def drive(self, R_d: Array, mu: Array, before: Array | None) -> Array:
+        """Return u, what y is driven by, interpolated between samples.
+
+        Args:
+            R_d: (3, 3).
+            mu: (3,) [Nm], base frame.
+            before: u of the sample before; None at the first.
+        """
+
+    @abstractmethod
+    def rate(self, y: Array, u: Array, Z: Matrices) -> Array:
+        """Return dy, eqs. (55), (59), Z in the coordinates of :meth:`impedance`."""
+
+    def normalised(self, y: Array) -> Array:
+        """Return y after a step of integration, freed of its rounding."""
+        return y
+
+    @abstractmethod
+    def end(
+        self, y: Array, dy: Array, u: Array, R_d: Array, omega_d: Array, domega_d: Array
+    ) -> CompliantRotation:
+        """Return the compliant rotation in the base frame, the inverse of :meth:`begin`."""
+
+    @abstractmethod
+    def spring(self, R_d: Array, R_e: Array, K_o: Array) -> RotationalSpring:
+        """Return what K_o (3, 3) [Nm/rad] of :meth:`impedance` does between two frames."""
 
     def impedance(self, Z: Impedance) -> Impedance:
         """Return the rotational impedance in the coordinates of this representation.
@@ -364,10 +250,6 @@ class OrientationRepresentation(ABC):
             K_o: (3, 3) stiffness [Nm/rad].
         """
         return math.inf
-
-    @abstractmethod
-    def singularity_distance(self, R_d: Array, R_e: Array) -> float:
-        """Return the angle [rad] to the nearest singularity of the law; inf if it has none."""
 
 
 def representation(

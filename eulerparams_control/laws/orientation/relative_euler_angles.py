@@ -1,29 +1,21 @@
-"""Relative Euler angles: those of the mutual rotation R_e' R_d ("alternative", refs. [9], [10])."""
+"""Relative Euler angles: those of the mutual rotation R_e' R_d ("alternative", refs. [9], [10]).
+
+The state of their rotational impedance is ``y`` = (phi_cd, dphi_cd) of R_d' R_c, driven by
+``u`` = mu^d.
+"""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.compiled import formula
 from eulerparams_control.laws.impedance_matrices import Impedance, Matrices
-from eulerparams_control.laws.linear import Mat, MatLike, Vec, VecLike
 from eulerparams_control.laws.orientation.base import (
-    Compliance,
     CompliantRotation,
-    Coordinates,
-    Laws,
     OrientationRepresentation,
     RotationalSpring,
-    moment_in_desired_axes,
 )
-from eulerparams_control.laws.orientation.euler_angles import (
-    CompliantAngles,
-    angles_spring,
-    moved_by,
-    normalised,
-)
-from eulerparams_control.laws.orientation.sequences import R_of, T_of, dT_of, extract, rates
+from eulerparams_control.laws.orientation.euler_angles import angles_spring, moved_by
 from eulerparams_control.laws.rotations import Array, cross
 
 
@@ -31,95 +23,14 @@ class RelativeEulerAnglesDisplacement(NamedTuple):
     """The Euler angles of the mutual rotation.
 
     Attributes:
-        phi_de: (3,) [rad] extracted from R_e' R_d.
+        error: (3,) [rad] phi_de, extracted from R_e' R_d.
         R_e: (3, 3) orientation of the end effector.
         T_e: (3, 3) R_e T(phi_de): relative angular velocity in the base frame by dphi_de.
     """
 
-    phi_de: VecLike
-    R_e: MatLike
-    T_e: MatLike
-
-    @property
-    def error(self) -> Array:
-        """phi_de (3,) [rad]: angles of the sequence, not a vector of a frame."""
-        return self.phi_de
-
-
-@formula
-def displacement(
-    R_d: Mat, R_e: Mat, previous: RelativeEulerAnglesDisplacement, options: Coordinates
-) -> RelativeEulerAnglesDisplacement:
-    """Return phi_de of R_e' R_d and T_e = R_e T(phi_de)."""
-    phi_de = extract(options.axes, R_e.T @ R_d, previous.phi_de)
-    return RelativeEulerAnglesDisplacement(phi_de, R_e, R_e @ T_of(options.axes, phi_de))
-
-
-@formula
-def velocity(
-    x_de: RelativeEulerAnglesDisplacement, omega_d: Vec, k_Po: float, options: Coordinates
-) -> Vec:
-    """Return omega_d + k_Po T_e phi_de, which gives dphi_de = -k_Po phi_de."""
-    return omega_d + k_Po * (x_de.T_e @ x_de.phi_de)
-
-
-@formula
-def acceleration(
-    x_de: RelativeEulerAnglesDisplacement,
-    omega_d: Vec,
-    domega_d: Vec,
-    omega_e: Vec,
-    k_Po: float,
-    k_Vo: float,
-    options: Coordinates,
-) -> Vec:
-    """Return domega_d - dT_e dphi_de + T_e (k_Vo dphi_de + k_Po phi_de).
-
-    dphi_de = T_e^-1 (omega_d - omega_e), dT_e = S(omega_e) T_e + R_e dT(phi_de, dphi_de);
-    it gives ddphi_de + k_Vo dphi_de + k_Po phi_de = 0.
-    """
-    phi_de, R_e, omega_de = x_de.phi_de, x_de.R_e, omega_d - omega_e
-    dphi_de = rates(options.axes, phi_de, R_e.T @ omega_de)
-    dT = dT_of(options.axes, phi_de, dphi_de)
-    dT_e_dphi_de = cross(omega_e, omega_de) + R_e @ (dT @ dphi_de)  # T_e dphi_de is omega_de
-    return domega_d - dT_e_dphi_de + k_Vo * omega_de + k_Po * (x_de.T_e @ phi_de)
-
-
-@formula
-def begin(R_d: Mat, omega_d: Vec, R_c: Mat, omega_c: Vec, options: Coordinates) -> CompliantAngles:
-    """Return phi_cd of R_d' R_c and dphi_cd."""
-    phi_cd = extract(options.axes, R_d.T @ R_c, Vec(0.0, 0.0, 0.0))
-    return CompliantAngles(phi_cd, rates(options.axes, phi_cd, R_d.T @ (omega_c - omega_d)))
-
-
-@formula
-def rate(y: CompliantAngles, mu_d: Vec, Z: Matrices, options: Coordinates) -> CompliantAngles:
-    """Return dy of M_o ddphi_cd + D_o dphi_cd + K_o phi_cd = T'(phi_cd) mu^d."""
-    return moved_by(T_of(options.axes, y.phi_cd).T @ mu_d, y, Z)
-
-
-@formula
-def end(
-    y: CompliantAngles, dy: CompliantAngles, mu_d: Vec, R_d: Mat, omega_d: Vec, domega_d: Vec,
-    options: Coordinates,
-) -> CompliantRotation:  # fmt: skip
-    """Return R_d R(phi_cd), omega_d + R_d x and domega_d + R_d dx + omega_d x omega_c.
-
-    x = T dphi_cd, dx = T ddphi_cd + dT dphi_cd, in the desired frame, which turns.
-    """
-    axes, phi_cd, dphi_cd = options.axes, y.phi_cd, y.dphi_cd
-    T = T_of(axes, phi_cd)
-    dx = T @ dy.dphi_cd + dT_of(axes, phi_cd, dphi_cd) @ dphi_cd
-    omega_c = omega_d + R_d @ (T @ dphi_cd)
-    domega_c = domega_d + R_d @ dx + cross(omega_d, omega_c)
-    return CompliantRotation(R_d @ R_of(axes, phi_cd), omega_c, domega_c)
-
-
-@formula
-def spring(R_d: Mat, R_e: Mat, K_o: Mat, options: Coordinates) -> RotationalSpring:
-    """Return the spring of the angles of R_d' R_e."""
-    phi = extract(options.axes, R_d.T @ R_e, Vec(0.0, 0.0, 0.0))
-    return angles_spring(phi, R_d @ T_of(options.axes, phi), K_o)
+    error: Array
+    R_e: Array
+    T_e: Array
 
 
 class RelativeEulerAnglesRepresentation(OrientationRepresentation):
@@ -128,9 +39,71 @@ class RelativeEulerAnglesRepresentation(OrientationRepresentation):
     name = "relative_euler_angles"
     symbol = "phi_de of R_e' R_d"
     unit = "rad"
-    laws = Laws(displacement, velocity, acceleration)
-    compliance = Compliance(begin, moment_in_desired_axes, rate, normalised, end)
-    spring = spring
+
+    def displacement(
+        self, R_d: Array, R_e: Array, previous: RelativeEulerAnglesDisplacement | None = None
+    ) -> RelativeEulerAnglesDisplacement:
+        """Return phi_de of R_e' R_d and T_e = R_e T(phi_de)."""
+        phi_de = self.options.sequence.extract(R_e.T @ R_d, previous and previous.error)
+        T_e = R_e @ self.options.sequence.T(phi_de)
+        return RelativeEulerAnglesDisplacement(phi_de, R_e, T_e)
+
+    def velocity(self, x_de: RelativeEulerAnglesDisplacement, omega_d: Array, k_Po: float) -> Array:
+        """Return omega_d + k_Po T_e phi_de, which gives dphi_de = -k_Po phi_de."""
+        return omega_d + k_Po * (x_de.T_e @ x_de.error)
+
+    def acceleration(
+        self,
+        x_de: RelativeEulerAnglesDisplacement,
+        omega_d: Array,
+        domega_d: Array,
+        omega_e: Array,
+        k_Po: float,
+        k_Vo: float,
+    ) -> Array:
+        """Return domega_d - dT_e dphi_de + T_e (k_Vo dphi_de + k_Po phi_de).
+
+        dphi_de = T_e^-1 (omega_d - omega_e), dT_e = S(omega_e) T_e + R_e dT(phi_de, dphi_de);
+        it gives ddphi_de + k_Vo dphi_de + k_Po phi_de = 0.
+        """
+        phi, (phi_de, R_e, T_e), omega_de = self.options.sequence, x_de, omega_d - omega_e
+        dphi_de = phi.rates(phi_de, R_e.T @ omega_de)
+        dT_dphi = phi.dT(phi_de, dphi_de) @ dphi_de
+        dT_e_dphi_de = cross(omega_e, omega_de) + R_e @ dT_dphi  # T_e dphi_de is omega_de
+        return domega_d - dT_e_dphi_de + k_Vo * omega_de + k_Po * (T_e @ phi_de)
+
+    def begin(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
+        """Return phi_cd of R_d' R_c and dphi_cd."""
+        phi = self.options.sequence
+        phi_cd = phi.extract(R_d.T @ R_c)
+        return np.concatenate((phi_cd, phi.rates(phi_cd, R_d.T @ (omega_c - omega_d))))
+
+    def drive(self, R_d: Array, mu: Array, before: Array | None) -> Array:
+        """Return mu^d = R_d' mu."""
+        return R_d.T @ mu
+
+    def rate(self, y: Array, mu_d: Array, Z: Matrices) -> Array:
+        """Return dy of M_o ddphi_cd + D_o dphi_cd + K_o phi_cd = T'(phi_cd) mu^d."""
+        return moved_by(self.options.sequence.T(y[:3]).T @ mu_d, y, Z)
+
+    def end(
+        self, y: Array, dy: Array, mu_d: Array, R_d: Array, omega_d: Array, domega_d: Array
+    ) -> CompliantRotation:
+        """Return R_d R(phi_cd), omega_d + R_d x and domega_d + R_d dx + omega_d x omega_c.
+
+        x = T dphi_cd, dx = T ddphi_cd + dT dphi_cd, in the desired frame, which turns.
+        """
+        phi, phi_cd, dphi_cd = self.options.sequence, y[:3], y[3:]
+        T = phi.T(phi_cd)
+        dx = T @ dy[3:] + phi.dT(phi_cd, dphi_cd) @ dphi_cd
+        omega_c = omega_d + R_d @ (T @ dphi_cd)
+        domega_c = domega_d + R_d @ dx + cross(omega_d, omega_c)
+        return CompliantRotation(R_d @ phi.R(phi_cd), omega_c, domega_c)
+
+    def spring(self, R_d: Array, R_e: Array, K_o: Array) -> RotationalSpring:
+        """Return the spring of the angles of R_d' R_e."""
+        phi = self.options.sequence.extract(R_d.T @ R_e)
+        return angles_spring(phi, R_d @ self.options.sequence.T(phi), K_o)
 
     @property
     def singularity(self) -> str:

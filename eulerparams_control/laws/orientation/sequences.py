@@ -4,28 +4,28 @@ A sequence (i, j, k) is intrinsic: R = R_i(alpha) R_j(beta) R_k(gamma), eq. (2).
 Six have three different axes (XYZ, ...), six have the last equal to the first
 (ZYZ, ...).  The derivations for all 12 are in the errata of the paper's equations;
 NOTATION.md lists them.
+
+Notation: ``phi`` (3,) angles [rad], ``i, j, k`` axes as 0, 1, 2, ``l`` the one that is neither i
+nor j, ``s`` the sign of the permutation (i, j, l).
 """
 
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from eulerparams_control.errors import SingularityError, UnknownNameError
-from eulerparams_control.laws.compiled import formula
-from eulerparams_control.laws.linear import (
-    Mat,
-    Vec,
-    column,
-    columns,
+from eulerparams_control.laws.jit import f8, i8, jit, matrix, new_matrix, new_vector, types, vector
+from eulerparams_control.laws.rotations import (
+    Array,
+    R_axis,
     cross,
-    element,
-    row,
+    product,
+    relative,
     solve,
+    turn,
 )
-from eulerparams_control.laws.rotations import Array, R_axis
 
 SEQUENCES = (
     *("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"),
@@ -33,123 +33,79 @@ SEQUENCES = (
 )
 
 
-class Axes(NamedTuple):
-    """The axes of a sequence as 0, 1, 2."""
-
-    i: int
-    j: int
-    k: int
-
-
-class PoleAngles(NamedTuple):
-    """alpha and beta [rad], and the sine of the distance to the pole."""
-
-    alpha: float
-    beta: float
-    sine: float
-
-
-@formula
-def wrapped(angle: float) -> float:
-    """Return an angle [rad] wrapped to (-pi, pi]."""
-    angle = math.pi - (math.pi - angle) % (2.0 * math.pi)
-    return math.pi if angle <= -math.pi else angle  # rounding may reach -pi
-
-
-@formula
-def wrap(phi: Vec) -> Vec:
+def wrap(phi: Array) -> Array:
     """Return the angles phi [rad] wrapped to (-pi, pi]."""
-    return Vec(wrapped(phi.x), wrapped(phi.y), wrapped(phi.z))
+    wrapped: Array = np.pi - (np.pi - phi) % (2.0 * np.pi)
+    wrapped[wrapped <= -np.pi] = np.pi  # rounding may reach -pi
+    return wrapped
 
 
-@formula
-def R_of(axes: Axes, phi: Vec) -> Mat:
-    """Return R(phi) of the angles phi [rad], eq. (2)."""
-    return R_axis(axes.i, phi.x) @ R_axis(axes.j, phi.y) @ R_axis(axes.k, phi.z)
+@jit(new_matrix(i8, i8, i8, vector))
+def R_of(i: int, j: int, k: int, phi: Array) -> Array:
+    """Return R(phi), eq. (2)."""
+    return product(product(R_axis(i, phi[0]), R_axis(j, phi[1])), R_axis(k, phi[2]))
 
 
-@formula
-def T_of(axes: Axes, phi: Vec) -> Mat:
+@jit(new_matrix(i8, i8, i8, vector))
+def T_of(i: int, j: int, k: int, phi: Array) -> Array:
     """Return T(phi) with omega = T dphi in the base frame, eq. (3)."""
-    R_i = R_axis(axes.i, phi.x)
-    return columns(
-        column(R_axis(axes.i, 0.0), axes.i),  # t1 = a_i
-        column(R_i, axes.j),  # t2 = R_i(alpha) a_j
-        column(R_i @ R_axis(axes.j, phi.y), axes.k),  # t3 = R_i(alpha) R_j(beta) a_k
-    )
+    R_i = R_axis(i, phi[0])
+    T = np.zeros((3, 3))
+    T[i, 0] = 1.0  # a_i
+    T[:, 1] = R_i[:, j]  # R_i(alpha) a_j
+    T[:, 2] = turn(R_i, R_axis(j, phi[1])[:, k])  # R_i(alpha) R_j(beta) a_k
+    return T
 
 
-@formula
-def dT_of(axes: Axes, phi: Vec, dphi: Vec) -> Mat:
+@jit(new_matrix(i8, i8, i8, vector, vector))
+def dT_of(i: int, j: int, k: int, phi: Array, dphi: Array) -> Array:
     """Return the derivative of T [1/s] along the rates dphi [rad/s]."""
-    T = T_of(axes, phi)
-    t1, t2, t3 = column(T, 0), column(T, 1), column(T, 2)
-    omega_2 = dphi.x * t1
-    return columns(0.0 * t1, cross(omega_2, t2), cross(omega_2 + dphi.y * t2, t3))
+    T, dT = T_of(i, j, k, phi), np.zeros((3, 3))
+    omega_2 = dphi[0] * T[:, 0]
+    dT[:, 1] = cross(omega_2, T[:, 1])
+    dT[:, 2] = cross(omega_2 + dphi[1] * T[:, 1], T[:, 2])
+    return dT
 
 
-@formula
-def rates(axes: Axes, phi: Vec, omega: Vec) -> Vec:
+@jit(new_vector(i8, i8, i8, vector, vector))
+def rates_of(i: int, j: int, k: int, phi: Array, omega: Array) -> Array:
     """Return dphi = T(phi)^-1 omega [rad/s]; unbounded towards the pole, NaN at it."""
-    return solve(T_of(axes, phi), omega)
+    return solve(T_of(i, j, k, phi), omega)
 
 
-@formula
-def accelerations(axes: Axes, phi: Vec, dphi: Vec, domega: Vec) -> Vec:
-    """Return ddphi = T^-1 (domega - dT dphi) [rad/s^2], the derivative of (3)."""
-    return rates(axes, phi, domega - dT_of(axes, phi, dphi) @ dphi)
-
-
-@formula
-def pole_angles(axes: Axes, R: Mat) -> PoleAngles:
-    """Return what gamma does not enter.
+@jit(types.UniTuple(f8, 3)(i8, i8, i8, matrix))
+def pole_angles(i: int, j: int, k: int, R: Array) -> tuple[float, float, float]:
+    """Return alpha and beta [rad], and the sine of the distance to the pole.
 
     Gamma does not come from its own entries: next to the pole these and those of
     alpha are rounding noise one by one, and R(phi) would not be R.
     """
-    i, j, k = axes.i, axes.j, axes.k
-    s, l = parity(axes), 3 - i - j
-    r_i, r_j = row(R, i), row(R, j)
+    s, l = 1.0 if (j - i) % 3 == 1 else -1.0, 3 - i - j
     if i == k:
-        sine = math.hypot(element(r_i, j), element(r_i, l))
-        alpha = math.atan2(element(r_j, i), -s * element(row(R, l), i))
-        return PoleAngles(alpha, math.atan2(sine, element(r_i, i)), sine)
-    sine = math.hypot(element(r_i, i), element(r_i, j))
-    alpha = math.atan2(-s * element(r_j, k), element(row(R, k), k))
-    return PoleAngles(alpha, math.atan2(s * element(r_i, k), sine), sine)
+        sine = math.hypot(R[i, j], R[i, l])
+        return math.atan2(R[j, i], -s * R[l, i]), math.atan2(sine, R[i, i]), sine
+    sine = math.hypot(R[i, i], R[i, j])
+    return math.atan2(-s * R[j, k], R[k, k]), math.atan2(s * R[i, k], sine), sine
 
 
-@formula
-def parity(axes: Axes) -> float:
-    """Return the sign s of the permutation (i, j, l), l the axis that is neither i nor j."""
-    return 1.0 if (axes.j - axes.i) % 3 == 1 else -1.0
+@jit(new_vector(i8, i8, i8, matrix, f8))
+def extract_of(i: int, j: int, k: int, R: Array, gamma: float) -> Array:
+    """Return phi [rad] with R(phi) = R; at the pole, where alpha and gamma are not unique, gamma.
 
-
-@formula
-def extract(axes: Axes, R: Mat, previous: Vec) -> Vec:
-    """Return phi [rad] with R(phi) = R.
-
-    At the pole, where alpha and gamma are not unique, the previous gamma is kept.  Next to it the
-    angles are those of R as it is, however little its last bits may mean.
+    Next to the pole the angles are those of R as it is, however little its last bits may mean.
     """
-    i, j = axes.i, axes.j
-    s, l = parity(axes), 3 - i - j
-    alpha, beta, sine = pole_angles(axes, R)
+    s, l = 1.0 if (j - i) % 3 == 1 else -1.0, 3 - i - j
+    alpha, beta, sine = pole_angles(i, j, k, R)
+    phi = np.empty(3)
     if sine > 0.0:
-        # row j of R_i(alpha)' R
-        v = math.cos(alpha) * row(R, j) + (s * math.sin(alpha)) * row(R, l)
-        y = -s * element(v, l) if i == axes.k else s * element(v, i)
-        return Vec(alpha, beta, math.atan2(y, element(v, j)))
-    R_i = R @ R_axis(axes.k, previous.z).T @ R_axis(j, beta).T
-    y_row, z_row = row(R_i, (i + 1) % 3), row(R_i, (i + 2) % 3)
-    alpha = math.atan2(element(z_row, (i + 1) % 3), element(y_row, (i + 1) % 3))
-    return Vec(alpha, beta, previous.z)
-
-
-@formula
-def pole_distance(axes: Axes, R: Mat) -> float:
-    """Return the angle [rad] in [0, pi/2] from R to the nearest singularity of T."""
-    return math.asin(min(1.0, pole_angles(axes, R).sine))
+        v = math.cos(alpha) * R[j] + (s * math.sin(alpha)) * R[l]  # row j of R_i(alpha)' R
+        gamma = math.atan2(-s * v[l] if i == k else s * v[i], v[j])
+    else:
+        R_i = product(R, relative(R_axis(k, gamma), R_axis(j, -beta)))
+        a, b = (i + 1) % 3, (i + 2) % 3
+        alpha = math.atan2(R_i[b, a], R_i[a, a])
+    phi[0], phi[1], phi[2] = alpha, beta, gamma
+    return phi
 
 
 @dataclass(frozen=True)
@@ -170,9 +126,10 @@ class EulerSequence:
             raise UnknownNameError("Euler sequence", self.name, SEQUENCES)
 
     @cached_property
-    def axes(self) -> Axes:
+    def axes(self) -> tuple[int, int, int]:
         """The axes i, j, k as 0, 1, 2."""
-        return Axes(*("XYZ".index(letter) for letter in self.name))
+        i, j, k = ("XYZ".index(letter) for letter in self.name)
+        return i, j, k
 
     @cached_property
     def is_proper(self) -> bool:
@@ -180,16 +137,19 @@ class EulerSequence:
         return self.axes[0] == self.axes[2]
 
     def R(self, phi: Array) -> Array:
-        """Return R(phi) (..., 3, 3) of the angles phi (..., 3) [rad], eq. (2)."""
-        return R_of(self.axes, phi)
+        """Return R(phi) (3, 3) of the angles phi (3,) [rad], eq. (2)."""
+        R: Array = R_of(*self.axes, phi)
+        return R
 
     def T(self, phi: Array) -> Array:
-        """Return T(phi) (..., 3, 3) with omega = T dphi in the base frame, eq. (3)."""
-        return T_of(self.axes, phi)
+        """Return T(phi) (3, 3) with omega = T dphi in the base frame, eq. (3)."""
+        T: Array = T_of(*self.axes, phi)
+        return T
 
     def dT(self, phi: Array, dphi: Array) -> Array:
         """Return the derivative of T (3, 3) [1/s] along the rates dphi (3,) [rad/s]."""
-        return dT_of(self.axes, phi, dphi)
+        dT: Array = dT_of(*self.axes, phi, dphi)
+        return dT
 
     def rates(self, phi: Array, omega: Array) -> Array:
         """Return dphi = T(phi)^-1 omega (3,) [rad/s]; unbounded towards the pole.
@@ -197,7 +157,14 @@ class EulerSequence:
         Raises:
             SingularityError: if T is exactly singular.
         """
-        return self._finite(rates(self.axes, phi, omega))
+        dphi: Array = rates_of(*self.axes, phi, omega)
+        if math.isnan(dphi[0]):
+            raise SingularityError(self.singularity)
+        return dphi
+
+    def accelerations(self, phi: Array, dphi: Array, domega: Array) -> Array:
+        """Return ddphi = T^-1 (domega - dT dphi) (3,) [rad/s^2], the derivative of (3)."""
+        return self.rates(phi, domega - self.dT(phi, dphi) @ dphi)
 
     @property
     def singularity(self) -> str:
@@ -208,20 +175,17 @@ class EulerSequence:
             "euler_sequence or orientation: euler_parameters"
         )
 
-    def _finite(self, dphi: Array) -> Array:
-        if np.isnan(dphi).any():
-            raise SingularityError(self.singularity)
-        return dphi
-
     def extract(self, R: Array, previous: Array | None = None) -> Array:
-        """Return phi (3,) [rad] with R(phi) = R.
+        """Return phi (3,) [rad] with R(phi) = R (3, 3).
 
         Args:
-            R: rotation matrix (3, 3), or N successive ones, for phi (N, 3).
+            R: rotation matrix.
             previous: the angles before, whose gamma is kept at the pole (else 0).
         """
-        return extract(self.axes, R, np.zeros(3) if previous is None else previous)
+        gamma = 0.0 if previous is None else previous[2]
+        phi: Array = extract_of(*self.axes, R, gamma)
+        return phi
 
-    def pole_distance(self, R: Array) -> Any:
-        """Return the angle [rad] in [0, pi/2] from R (..., 3, 3) to the nearest pole of T."""
-        return pole_distance(self.axes, R)
+    def pole_distance(self, R: Array) -> float:
+        """Return the angle [rad] in [0, pi/2] from R (3, 3) to the nearest pole of T."""
+        return math.asin(min(1.0, pole_angles(*self.axes, R)[2]))

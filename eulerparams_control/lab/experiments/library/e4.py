@@ -6,9 +6,9 @@ import numpy as np
 
 from eulerparams_control.lab.experiments.library import Number, Result
 from eulerparams_control.lab.experiments.library._arms import STEP_NS, T1, clik, ur5
-from eulerparams_control.laws.compiled import formula
+from eulerparams_control.laws._old.compiled import formula
+from eulerparams_control.laws._old.linear import Mat, Vec, VecLike
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
-from eulerparams_control.laws.linear import Mat, Vec, VecLike
 from eulerparams_control.laws.orientation import (
     OrientationRepresentation,
     euler_angles,

@@ -4,14 +4,14 @@ Formulas are written once, for one sample, in plain Python on :class:`Vec` and :
 
     a_p = ddp_d + k_Vp * (dp_d - dp_e) + k_Pp * dp_de  # (36)
 
-Compiled, a vector is three floats in registers: see :mod:`eulerparams_control.laws.compiled`.
+Compiled, a vector is three floats in registers: see :mod:`eulerparams_control.laws._old.compiled`.
 """
 
 import math
 import operator
 from typing import Annotated, Any, overload
 
-from eulerparams_control.laws.compiled import Input, Inputs, formula, kernel, layout, register
+from eulerparams_control.laws._old.compiled import Input, Inputs, formula, kernel, layout, register
 
 
 class Vec:

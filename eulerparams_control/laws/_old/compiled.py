@@ -1,7 +1,7 @@
 """Compiled formulas: written once, for one sample, and mapped over many.
 
 ``@formula`` marks what the laws are made of, plain Python on values: numbers, vectors, matrices
-(:mod:`eulerparams_control.laws.linear`), and NamedTuples of these.  ``@entry`` marks what Python
+(:mod:`.linear`), and NamedTuples of these.  ``@entry`` marks what Python
 calls with arrays.  Its types are fixed by its annotations, so that nothing is compiled while an
 arm moves.  Where numba is installed both are compiled; else, or with EULERPARAMS_PLAIN=1 in the
 environment, the same source runs as it is, 20 to 50 times slower.
@@ -62,7 +62,7 @@ of_parts = tuple.__new__
 
 # Where formulas are: where a file changes, all is compiled again.
 _NAMES = "laws", "robot", "motion", "control", "messages/joint_bytes.py"
-_ROOMS = tuple(Path(__file__).parents[1] / room for room in _NAMES)
+_ROOMS = tuple(Path(__file__).parents[2] / room for room in _NAMES)
 _KEPT = 14 * 86400.0  # [s] that what is compiled for a state of these files stays unused
 
 if IS_COMPILED:
