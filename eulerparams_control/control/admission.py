@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from enum import Enum, auto
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -87,10 +87,6 @@ class Accept(NamedTuple):
     leapt: float
     is_first: bool
     restart: Restart | None
-
-
-type Expected = tuple[Any, ...]
-"""What :func:`judge.admit_expected` takes first: all that is not of the state itself."""
 
 
 class Rate(Enum):
@@ -290,65 +286,6 @@ class Admission:
     def _positions(self, state: int) -> Array:
         """Return the positions (n,) of one of the two states."""
         return self._arm[judge.STATE * state + judge.Q]
-
-    @property
-    def goes_on(self) -> bool:
-        """Whether the stamps of the last states went on, at a rate that is known."""
-        return self._back == 0 and self.period.seconds > 0
-
-    def expected(
-        self, velocity: Array | float, patient: bool, segments: tuple[Array, Array],
-        longest: float, fine: tuple[float, float],
-    ) -> Expected:  # fmt: skip
-        """Return what the state is that goes on as the last one did, for :meth:`admit_expected`.
-
-        It counts until the next :meth:`admit`, which may go by other limits.
-
-        Args:
-            velocity, patient: see :meth:`admit`.
-            segments: of the motion, see :attr:`Leg.segments`.
-            longest: [s] of a step.
-            fine: see :attr:`RateCheck.fine`; the rate is not judged again.
-        """
-        self._arm[judge.LIMIT] = velocity
-        given = patient, *segments, min(longest, self._timeout), *fine
-        return *given, self._arm, self._believed, self.period.row, self._latency.most
-
-    def admit_expected(
-        self, expected: Expected, at: Instant, q: Array, dq: Array, loop_rate: float,
-        since: float, frame: Array,
-    ) -> tuple[Array, float, float] | None:  # fmt: skip
-        """Take a state that is just the one expected, and fill the desired frame (24,).
-
-        Args:
-            expected: see :meth:`expected`.
-            at, q, dq: see :meth:`admit`.
-            loop_rate: [1/s] of the law.
-            since: [s] on the motion.
-            frame: is filled.
-
-        Returns:
-            q (n,), dt and acted [s], see :class:`Accept`; None: the state is not sure to be the
-            one expected, and nothing was changed.
-        """
-        last, receipt, times = self.clock.last, at.receipt, (0.0, 0.0, 0.0, False)
-        if last is None or (receipt is None) is not (last.receipt is None):
-            return None
-        dt, silence = (at.stamp - last.stamp) / 1e9, 0.0
-        if receipt is not None and last.receipt is not None:
-            silence = receipt - last.receipt
-            times = silence, receipt - at.stamp / 1e9, receipt, True
-        if silence > self._timeout:
-            return None
-        this = 1 - self._last
-        code = judge.admit_expected(
-            *expected, q, dq, self._last, dt, *times, loop_rate, since, frame
-        )
-        if code == judge.NOT_EXPECTED:
-            return None
-        self.clock.last, self._last = at, this
-        acted = dt if receipt is None or 0 < dt < silence else silence
-        return (self._positions(this).copy() if code else q), dt, acted
 
     def take(self, at: Instant | None) -> None:
         """Take the state for the last one; what it brings about has happened.

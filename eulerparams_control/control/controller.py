@@ -15,10 +15,8 @@ from eulerparams_control.control.mode import Mode, ModeEvent, Why, why_of
 from eulerparams_control.control.modes import Release
 from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.control.orders import Orders
-from eulerparams_control.control.short_way import ShortWay
 from eulerparams_control.control.supervisor import Supervisor
 from eulerparams_control.errors import UnsafeCommandError
-from eulerparams_control.laws._old.compiled import of_parts
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand, Scheme
 
@@ -41,7 +39,6 @@ class Controller:
         guidance: the scheme on its desired motion.
         limiter: of the commands.
         acting: the command that acts.
-        short_way: of the states that are expected.
     """
 
     def __init__(
@@ -55,11 +52,11 @@ class Controller:
             scheme.robot, options.state_timeout, options.max_latency, options.check_states, q
         )
         self.supervisor = Supervisor(self.guidance, self.limiter, self.admission, options)
-        parts = self.admission, self.supervisor, self.guidance, self.limiter
-        self.short_way = ShortWay(*parts)
         self.acting = Acting(scheme, self.supervisor, options.state_timeout, q)
         self._release = Release(self.limiter)
-        self.orders = Orders(*parts[:3], self.acting, options.target_timeout)
+        self.orders = Orders(
+            self.admission, self.supervisor, self.guidance, self.acting, options.target_timeout
+        )
         self.supervisor.begin(q)
         scheme.start_from(effort)
 
@@ -80,7 +77,6 @@ class Controller:
 
     def changed(self, options: ControllerOptions) -> None:
         """Forget the ticks of the law before, and take over what bounds the new one."""
-        self.short_way.forget()
         joints, self.limiter.effort_rate = self.scheme.bounds
         if joints is not self.limiter.limits:
             self._wanted = joints
@@ -111,24 +107,7 @@ class Controller:
             InvalidMessageError: if the state is older than the last one, or the robot cannot
                 have reached it.
         """
-        at = of_parts(Instant, (t, now))
-        if taken := self.short_way.take(at, q, dq):
-            q, dt, acted, desired = taken
-            self.acting.q, self.acting.dq = q, dq
-            command: JointCommand | None
-            try:
-                command = self.guidance.follow(t, dt, q, dq, desired)
-            except Exception as error:
-                command = self.supervisor.hold_after(error, dt, q, dq)
-            return self._send(at, command, acted, dt)
-        command = self._step(at, q, dq)
-        if command is not None and self.limiter.limits is self._wanted:
-            self.short_way.expect()
-        return command
-
-    def _step(self, at: Instant, q: Array, dq: Array) -> JointCommand | None:
-        """Return the command for a state, whatever it may be."""
-        supervisor, admission = self.supervisor, self.admission
+        at, supervisor, admission = Instant(t, now), self.supervisor, self.admission
         limiter, command = self.limiter, self.acting.command
         limits, has_efforts = limiter.limits, limiter.commands_efforts
         told = None if command is None else command.q

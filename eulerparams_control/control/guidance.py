@@ -182,33 +182,6 @@ class Guidance:
         limits, now = self._options.motion, self.motion.last
         return 0.0 if limits is None else limits.stop_time(now.dp_d, now.omega_d)
 
-    @property
-    def longest_plain_step(self) -> float:
-        """The longest step [s] in which nothing but the frame of now is asked of the motion."""
-        return _LONG if self.motion.leg.held is None else math.inf
-
-    @property
-    def is_plain(self) -> bool:
-        """Whether the motion goes on as it was planned, at the full rate of time.
-
-        Then :meth:`follow` will do for the next tick while ``is_at_full_rate``.
-        """
-        if self.is_braking or self._jump:
-            return False
-        return self._options.speed_override == 1.0 and self.motion.is_plain
-
-    @property
-    def is_at_full_rate(self) -> bool:
-        """Whether nothing slows the motion down."""
-        scale = self.scale
-        return self.pace.wanted == scale.now == 1.0 and not (scale.rate or self.scheme.is_frozen)
-
-    def follow(self, t: int, dt: float, q: Array, dq: Array, desired: Array) -> JointCommand:
-        """Return what :meth:`tick` does, where the motion is plain, and its frame known (24,)."""
-        self.motion.take(t, desired)
-        self.scale.mean, self.scale.before = 1.0, desired
-        return self._command(t, dt, q, dq, desired)
-
     def _command(self, t: int, dt: float, q: Array, dq: Array, desired: Array) -> JointCommand:
         """Return the command of the law for a desired frame in a row (24,)."""
         scheme, motion, scale, pace = self.scheme, self.motion, self.scale, self.pace

@@ -1,7 +1,5 @@
 """Checks of the numbers of a state, in one compiled call; the words for them are elsewhere.
 
-The state that is expected is taken, and the motion sampled for it, in one call, too.
-
 An arm, its last state and the one that is judged are one table of n columns, of which the rows are
 named below.  What is asked of a state is a bit of the code that :func:`code_of` returns.
 """
@@ -10,11 +8,8 @@ import math
 
 import numpy as np
 
-from eulerparams_control.control.clock import SECONDS, best_at, late, smoothed, take_step
-from eulerparams_control.laws._old.compiled import Input, Row, Rows, entry, kernel
+from eulerparams_control.laws._old.compiled import Input, Rows, entry, kernel
 from eulerparams_control.laws.limits import difference
-from eulerparams_control.motion.frames import put_frame
-from eulerparams_control.motion.trajectories import sampled
 
 Q, DQ, UNMOVED, TURNS, WRAPS = range(5)
 """Rows of a state: positions and speeds, how far [rad or m] positions that stay should be, whole
@@ -35,14 +30,8 @@ too fast, or too far from the last state; the arm is another one; positions stay
 it runs away, or would while it is held; positions are turns from what came."""
 JOINT = 9
 
-NOT_EXPECTED = -1
-"""Instead of a code: the state is not sure to be the one that was expected."""
-
 LONGEST_STEP = 3.0
 """The longest step that a law integrates over [usual periods]."""
-
-# A state that is expected is early by less than this part of a usual period.
-_EARLY = 0.45
 
 AT_REST = 0.01
 """Slower than this [rad/s or m/s] a joint is at rest."""
@@ -123,57 +112,3 @@ def code_of(
         if abs(now[UNMOVED, i]) > _FROZEN:
             code |= FROZEN
     return code
-
-
-@entry
-def admit_expected(
-    patient: bool, times: Row, segments: Rows, longest: float, fine_period: float,
-    fine_turn: float, arm: Rows, believed: int, clocks: Row, most: float,
-    q: Input, dq: Input, last: int, dt: float, silence: float, behind: float, receipt: float,
-    is_timed: bool, loop_rate: float, since: float, frame: Row,
-) -> int:  # fmt: skip
-    """Take a state if it is the expected one, and sample the motion for it.
-
-    Return WOUND or 0; NOT_EXPECTED where it is another one, or not sure to be this one: then
-    nothing is changed.
-
-    Args:
-        arm, q, dq, last: see :func:`code_of`.
-        patient, most, behind, receipt: see :func:`late`, if ``is_timed``.
-        times, segments: of the motion; without times it rests at the start of the first.
-        longest: [s] of ``dt`` and of the time by when the state came.
-        fine_period, fine_turn: see :attr:`RateCheck.fine`.
-        believed: the codes that count.
-        clocks: row of :func:`take_step` and :func:`late`.
-        dt, silence: [s] since the last state, by the stamps and by when it came.
-        loop_rate: [1/s] of the law.
-        since: [s] on the motion.
-        frame: (24,) is filled with the desired frame.
-    """
-    usual, acted = clocks[SECONDS], silence
-    if not is_timed or 0.0 < dt < silence:
-        acted = dt
-    longest = min(longest, LONGEST_STEP * usual)
-    if not (len(q) == arm.shape[1] == len(dq) and 0.0 < dt <= longest and acted <= longest):
-        return NOT_EXPECTED
-    period_now = smoothed(usual, dt)
-    if not (period_now <= fine_period and loop_rate * period_now <= fine_turn):
-        return NOT_EXPECTED
-    if is_timed:
-        early = best_at(clocks, receipt) - behind
-        if not -most <= early < _EARLY * usual:
-            return NOT_EXPECTED
-    code = believed & code_of(q, dq, q[:0], arm, last, dt, True, True, False)
-    # one that swings would be released only if it were held; a new stamp makes a new state
-    if code & ((1 << JOINT) - 1) & ~(SAME | WOUND | SWINGS):
-        return NOT_EXPECTED
-    if len(times) == 0:
-        frame[:] = segments[0]
-    else:
-        put_frame(frame, 0, sampled(times, segments, since))
-    if not math.isfinite(frame[3]):
-        return NOT_EXPECTED
-    take_step(clocks, dt)
-    if is_timed:
-        late(clocks, behind, receipt, most, patient)
-    return code & WOUND

@@ -151,11 +151,6 @@ class Supervisor:
             if state.code & _FAST:
                 self._see_runaway(state, dq, self.limiter.limits.velocity)
 
-    @property
-    def fine_rate(self) -> tuple[float, float]:
-        """Within what the rate of the states is fine, see :attr:`RateCheck.fine`."""
-        return self.rate.fine if self._is_strict else (math.inf, math.inf)
-
     def _is_rate_too_low(self) -> bool:
         """Hold an arm whose states come too seldom; return whether even that is not possible."""
         scheme, rate = self._scheme, self.rate

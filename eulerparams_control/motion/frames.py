@@ -113,11 +113,6 @@ class DesiredFrame(NamedTuple):
 read_frame, put_frame = layout(DesiredFrame)[1:3]
 
 
-def as_frame(frame: DesiredFrame | Array) -> DesiredFrame:
-    """Return a frame that may lie in a row (24,)."""
-    return frame if isinstance(frame, DesiredFrame) else DesiredFrame.of(frame)
-
-
 @kernel
 def frame_of(
     p: Input, R: Inputs, dp: Input, omega: Input, ddp: Input, domega: Input

@@ -3,15 +3,13 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
-from eulerparams_control.laws._old.compiled import NONE, Array, formula
+from eulerparams_control.laws._old.compiled import formula
 from eulerparams_control.laws._old.linear import Vec, norm
 from eulerparams_control.laws._old.rotations import log
 from eulerparams_control.motion.frames import DesiredFrame, apart
 from eulerparams_control.motion.motion_limits import MotionLimits, TipLimits
 from eulerparams_control.motion.plan import Sample, bounded
-from eulerparams_control.motion.trajectories import Trajectory
 
 __all__ = ["bounded"]
 
@@ -32,7 +30,6 @@ class Leg:
         duration: [s].
         then: the leg that follows the frame at the end.
         held: the frame at which it rests for good; None if it does not.
-        path: the trajectory of which ``sample`` is; None if it is of none.
         expires: when it ends [ns], whatever became of its own time: who sends it is silent.
         end: the leg that follows the frame where it expires.
     """
@@ -41,19 +38,8 @@ class Leg:
     duration: float = math.inf
     then: Callable[[DesiredFrame], "Leg"] | None = None
     held: DesiredFrame | None = None
-    path: Trajectory | None = None
     expires: float = math.inf
     end: Callable[[DesiredFrame], "Leg"] | None = None
-
-    @cached_property
-    def segments(self) -> tuple[Array, Array] | None:
-        """The way that it goes, as :attr:`Trajectory.segments`; None if it has none.
-
-        A frame that is held is one without a time.
-        """
-        if self.held is not None:
-            return NONE, self.held.row[None]
-        return None if self.path is None else self.path.segments
 
 
 def resting(frame: DesiredFrame) -> Leg:

@@ -17,9 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws._old.rotations import Array
 from eulerparams_control.motion.dilation import Dilated, Ramped, within
-from eulerparams_control.motion.frames import DesiredFrame, as_frame, distance
+from eulerparams_control.motion.frames import DesiredFrame, distance
 from eulerparams_control.motion.legs import Leg, bounded, is_alike, is_there, passes, resting
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.plan import Plan, attain, join, reach
@@ -74,6 +73,7 @@ class Shaper:
         is_holding: whether no reference was given since it began to hold.
         bearable: rate of time that fits the limits, which were lowered since the motion began.
         slowed: rate of time of the trajectory that is followed, where it is slowest; else 1.
+        last: the frame sampled last.
         leap: how far away [m, rad] a reference began that was refused for it; None if none was.
         waiting: references whose time has not come.
         ends: when [ns] the stream that moves has ended, if nothing comes; None if none moves.
@@ -96,8 +96,7 @@ class Shaper:
 
     def hold(self, frame: DesiredFrame) -> None:
         """Hold the pose of ``frame`` from now on."""
-        self._last: DesiredFrame | Array = frame.at_rest()
-        self._before: DesiredFrame | Array = self._last
+        self.last = self._before = frame.at_rest()
         self.leg = resting(frame)
         self._start = self._late = 0
         self._waited = 0  # how much of the time to the next sample does not count [ns]
@@ -111,22 +110,12 @@ class Shaper:
         self.began: int | None = None
         self.is_holding, self.slowed, self.bearable = True, 1.0, 1.0
 
-    @property
-    def last(self) -> DesiredFrame:
-        """The frame sampled last."""
-        self._last = last = as_frame(self._last)
-        return last
-
-    @last.setter
-    def last(self, frame: DesiredFrame) -> None:
-        self._last = frame
-
     def stop(self, t: int) -> None:
         """Come to rest from the last frame, at t [ns]; what was to follow is forgotten."""
         here = self.last
         self.hold(here)
         if self.limits is not None:
-            self._last = self._before = here
+            self.last = self._before = here
             self.leg, self._start = self._brake(here), t
 
     def has_stopped(self, t: int) -> bool:
@@ -193,28 +182,13 @@ class Shaper:
             self._start, since = self._start + whole, since - whole
         if self._waited and leg.then is resting and self._stands(t):  # it stops: not later
             self.leg = leg = resting(leg.sample(since / 1e9))
-        self._before = self._last
+        self._before = self.last
         self.last = leg.sample(since / 1e9) if leg.held is None else leg.held
         self.restarts = False
         if self.waiting:
             self._begin_due(t)
         self._at, self._waited = t, 0
         return self.last
-
-    @property
-    def is_plain(self) -> bool:
-        """Whether it goes on along the segments of its leg, with nothing else to come."""
-        to_come = self.waiting or self._waited or self.leap or self.ends is not None
-        return not to_come and self.bearable == 1.0 and self.leg.segments is not None
-
-    @property
-    def start(self) -> int:
-        """When [ns] the leg starts."""
-        return self._start + self._late
-
-    def take(self, t: int, row: Array) -> None:
-        """Take the frame in a row (24,) for the sample of a plain motion at t [ns]."""
-        self._before, self._last, self._at, self.restarts = self._last, row, t, False
 
     def after(self, dt: float) -> DesiredFrame:
         """Return the frame dt [s] after the last sample, on the leg that it is on."""
@@ -282,7 +256,7 @@ class Shaper:
         limits, least = self.limits, 0.0
         if limits is None:
             trajectory = trajectory.from_frame(self.last, tau)
-            return Leg(trajectory.sample, path=trajectory), tau
+            return Leg(trajectory.sample), tau
         motion: Trajectory | Dilated | Ramped | None
         if isinstance(trajectory, Poses):
             motion, tau = trajectory.passed(self.last, tau, limits)
@@ -303,12 +277,11 @@ class Shaper:
     def _along(self, motion: Trajectory | Dilated | Ramped, offset: float) -> Leg:
         """Return the leg along a motion from the time ``offset`` [s] on."""
         sample = motion.sample if offset == 0 else lambda t: motion.sample(offset + t)
-        path = motion if offset == 0 and isinstance(motion, Trajectory) else None
         end = motion.sample(motion.duration)
         if not (end.dp_d.any() or end.omega_d.any()):
-            return Leg(sample, path=path)
+            return Leg(sample)
         left = max(motion.duration - offset, 0.0)
-        return Leg(sample, left, lambda here: self._to_rest(here, end.at_rest()), path=path)
+        return Leg(sample, left, lambda here: self._to_rest(here, end.at_rest()))
 
     def _set_point(
         self, point: SetPoint, begin: int, tau: float, t: int
@@ -327,7 +300,7 @@ class Shaper:
             lasting = max(point.lasting, min(_GOES_ON * stream.next_within, _LONGEST))
             self.ends = t + round(lasting * 1e9)
             dt = 0.0 if before is None or self._waited else (t - before) / 1e9
-            if passes(as_frame(self._before), point.sample(tau), dt, limits):
+            if passes(self._before, point.sample(tau), dt, limits):
                 return self._goes_on(point.frames[0], tau, lasting, t), tau
         elif not stream.interval:
             return self._to_rest(self.last, line), 0.0

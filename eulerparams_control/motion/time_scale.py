@@ -9,7 +9,7 @@ Notation: ``u`` rate of time, ``du`` [1/s] its change.
 import math
 
 from eulerparams_control.laws._old.rotations import Array
-from eulerparams_control.motion.frames import DesiredFrame, as_frame
+from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.plan import Sample
 
@@ -40,7 +40,7 @@ class TimeScale:
         now: u, from 0 to 1.
         rate: du [1/s], until the next step.
         mean: of u in the last step.
-        before: the frame at the last step, or its row (24,); None after a start.
+        before: the frame at the last step; None after a start.
     """
 
     def __init__(self, limits: MotionLimits | None) -> None:
@@ -51,7 +51,7 @@ class TimeScale:
         """Start again at a rate; nothing moves."""
         self.now = self.mean = now
         self.rate = 0.0
-        self.before: DesiredFrame | Array | None = None
+        self.before: DesiredFrame | None = None
 
     def advance(self, dt: float) -> None:
         """Let dt [s] go by."""
@@ -84,7 +84,7 @@ class TimeScale:
         least, most = -change * dt, change * dt  # of the step of du
         limits = self.limits or MotionLimits()
         now, then = planned.at_pace(self.now, 0.0), later.at_pace(self.now, 0.0)
-        before = now.moved(-dt) if self.before is None else as_frame(self.before)
+        before = now.moved(-dt) if self.before is None else self.before
         for v, (v_0, a_0), (v_1, a_1), (v_2, _), most_a, jerk in zip(
             (planned.dp_d, planned.omega_d),
             *(_rates(frame) for frame in (before, now, then)),

@@ -217,7 +217,6 @@ class ControlReport:
             "references ahead of joint_states [s]": motion.ahead,
             "references that never began": motion.lost,
             SATURATED: controller.guidance.saturated,
-            "states that went the long way": controller.short_way.detours,
         }
 
     def show(self, controller: Controller, tick: Tick, parameters: ControlParameters) -> None:
