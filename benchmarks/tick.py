@@ -52,7 +52,7 @@ def in_turn(calls: Sequence[Call], ticks: int) -> list[list[float]]:
 def controller_of(info: SchemeInfo, robot: Robot, q: np.ndarray, **options: str) -> Controller:
     """Return a controller with the defaults of its node, that goes along the circle."""
     parameters = info.parameters(tip_frame=robot.tip_frame, **options)
-    scheme = parameters.make_scheme(robot, parameters.limits(robot))
+    scheme = parameters.make_scheme(robot)
     if "wrench" in info.inputs:
         scheme.sense(SensedWrench(np.zeros(6), robot.placement(robot.tip_frame)))
     controller = Controller(scheme, ControllerOptions.of(parameters), q)

@@ -27,7 +27,7 @@ class ReachEnv(gymnasium.Env):
     def reset(self, *, seed=None, options=None):  # noqa: D102
         super().reset(seed=seed)
         self.arm.reset()
-        scheme = self.parameters.make_scheme(self.robot, self.parameters.limits(self.robot))
+        scheme = self.parameters.make_scheme(self.robot)
         how, self.t = ControllerOptions.of(self.parameters), 0
         self.controller = Controller(scheme, how, self.arm.motion[0])
         p, R, *_ = scheme.start_frame()

@@ -128,7 +128,7 @@ class Leaning:
         )
         self.plant, self.dt, self.k = Plant(arm, **plant), 1.0 / rate, 0
         robot = given.robot(about.urdf)
-        self.scheme = given.make_scheme(robot, given.limits(robot))
+        self.scheme = given.make_scheme(robot)
         g = robot.dynamic_state(self.plant.q, 0 * self.plant.q).g
         self.controller = Controller(self.scheme, ControllerOptions.of(given), self.plant.q, g)
         self._on_the_way = deque([g] * late)

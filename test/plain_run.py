@@ -21,7 +21,7 @@ STEPS, MS = 24, 1_000_000
 
 def commands(arm, robot, info, orientation):
     """Return the commands (STEPS, ...) while the arm goes along a circle, a bit beside it."""
-    scheme = info.parameters(orientation=orientation).make_scheme(robot, robot.limits)
+    scheme = info.parameters(orientation=orientation).make_scheme(robot)
     controller = Controller(scheme, ControllerOptions(), np.array(arm.home))
     frame = scheme.start_frame()
     circle = Circle(0.1, np.array([1.0, 0.3, 0.0]), 2.0, 1.0, 0.5, 0.5)

@@ -28,7 +28,7 @@ class Simulated:
         about = load_robot(name)
         q = np.array(about.home) if q is None else q
         self.robot = parameters.robot(about.urdf)
-        self.scheme = parameters.make_scheme(self.robot, parameters.limits(self.robot))
+        self.scheme = parameters.make_scheme(self.robot)
         self.controller = Controller(self.scheme, ControllerOptions.of(parameters), q)
         self.start = pose_of(self.robot, q)
         self.rate, self.each, self.ticks = rate, each, 0

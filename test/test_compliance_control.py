@@ -154,7 +154,7 @@ def test_two_damping_ratios_bound_those_of_the_modes_and_the_fastest_is_known():
 
 def test_a_tip_that_is_too_far_from_the_desired_frame_stops_the_motion():
     parameters = from_mapping(ComplianceParameters, FRAMES | {"max_error_position": 0.05})
-    scheme, home = parameters.make_scheme(UR5, parameters.limits(UR5)), pose_of(UR5, HOME)
+    scheme, home = parameters.make_scheme(UR5), pose_of(UR5, HOME)
     scheme.tick(1e-3, HOME, STILL, home._replace(p_d=home.p_d + [0.0, 0.04, 0.0]))
     with pytest.raises(FollowingError, match=r"0\.060 m from the desired frame"):
         scheme.tick(1e-3, HOME, STILL, home._replace(p_d=home.p_d + [0.0, 0.06, 0.0]))
@@ -181,7 +181,7 @@ def test_the_posture_of_a_redundant_arm_does_not_move_its_tip():
 
 def test_an_arm_that_is_as_fast_as_it_may_be_is_not_drawn_further():
     parameters = from_mapping(ComplianceParameters, FRAMES | SLOW_EFFORTS)
-    scheme = parameters.make_scheme(UR5, parameters.limits(UR5))
+    scheme = parameters.make_scheme(UR5)
     home = pose_of(UR5, HOME)
     away = home._replace(p_d=home.p_d + [0.03, 0.0, 0.0])
     parts, pulls = [], []
@@ -204,7 +204,7 @@ def test_an_arm_that_is_as_fast_as_it_may_be_is_not_drawn_further():
 def test_clips_that_are_lowered_and_return_make_no_energy_around_any_closed_path():
     robot, home = robot_named("panda")
     parameters = from_mapping(ComplianceParameters, frames_of("panda") | SLOW_EFFORTS)
-    scheme, start = parameters.make_scheme(robot, parameters.limits(robot)), pose_of(robot, home)
+    scheme, start = parameters.make_scheme(robot), pose_of(robot, home)
     t = np.linspace(0.0, 2 * math.pi, 1500)
     for k in range(4):
         c = generator(9, k).normal(size=(2, 7))

@@ -223,7 +223,7 @@ def test_speed_scale_and_effort_rate_bound_the_commands(name):
     given |= {"base_frame": arm.base_frame, "tip_frame": arm.tip_frame}
     p = from_mapping(kind, {key: given[key] for key in given.keys() & fields_of(kind).keys()})
     robot = p.robot(arm.urdf)
-    bounds = p.make_scheme(robot, p.limits(robot)).bounds
+    bounds = p.make_scheme(robot).bounds
     assert bounds.joints.velocity.tolist() == (0.25 * robot.limits.velocity).tolist()
     assert bounds.joints.acceleration.tolist() == [3.0] * robot.n
     assert bounds.joints.upper.tolist() == robot.limits.upper.tolist()

@@ -45,7 +45,7 @@ def test_its_node_is_an_executable_that_has_its_parameters(scheme):
 @pytest.mark.parametrize("orientation", ORIENTATIONS)
 def test_an_arm_at_rest_is_held_without_an_error(scheme, orientation):
     parameters = from_mapping(scheme.parameters, FRAMES | {"orientation": orientation})
-    controller = Controller(parameters.make_scheme(UR5, None), ControllerOptions(), HOME)
+    controller = Controller(parameters.make_scheme(UR5), ControllerOptions(), HOME)
     command = controller.step(STEP, HOME, STILL)
     assert command is not None
     if scheme.control == "position":

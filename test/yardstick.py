@@ -51,7 +51,7 @@ class Product:
         self._values = frames | {"joints": list(about.joints)} | values
         parameters = from_mapping(self._info.parameters, self._values)
         self._robot = parameters.robot(about.urdf)
-        self._scheme = parameters.make_scheme(self._robot, parameters.limits(self._robot))
+        self._scheme = parameters.make_scheme(self._robot)
         self.controller = Controller(self._scheme, ControllerOptions.of(parameters), q)
         anywhere = Placement(turn(np.array([0.1, -0.2, 0.7])), np.array([0.0, 0.01, -0.04]))
         self._sensor = self._robot.placement(sensor) if sensor else anywhere
@@ -116,7 +116,7 @@ class Product:
         """Go over to other parameters, as a running node does."""
         self._values = self._values | values
         parameters = from_mapping(self._info.parameters, self._values)
-        parameters.change_scheme(self._scheme, parameters.limits(self._robot))
+        parameters.change_scheme(self._scheme)
         self.controller.changed(ControllerOptions.of(parameters))
 
     def at(self, receipt: float | None) -> None:

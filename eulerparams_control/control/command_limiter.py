@@ -88,13 +88,13 @@ class CommandLimiter:
         Raises:
             UnsafeCommandError: if a value is not finite; the command before still counts then.
         """
-        q_c, dq, effort, frame_row = command
+        q_c, dq, effort, frame = command
         rows = (
             NONE if q_c is None else q_c,
             NONE if dq is None else dq,
             NONE if effort is None else effort,
         )
-        if frame_row is not None and not _is_finite(frame_row):
+        if frame is not None and not _is_finite(np.concatenate(frame, axis=None)):
             raise UnsafeCommandError("the command has a compliant frame that is not finite")
         (q_0, dq_0, effort_0), joints, code = self._last, self._joints, 0
         if effort is not None:
@@ -110,7 +110,7 @@ class CommandLimiter:
             kept = [safe[k].copy() if code & 1 << k else row for k, row in enumerate(rows)]
             rows = kept[0], kept[1], kept[2]
             q_c, dq, effort = (row if len(row) else None for row in rows)
-            command = JointCommand(q_c, dq, effort, frame_row)
+            command = JointCommand(q_c, dq, effort, frame)
         self._last, self.commands_efforts = rows, effort is not None
         return command
 

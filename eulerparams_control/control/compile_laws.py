@@ -15,9 +15,9 @@ from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.laws._old.compiled import IS_COMPILED, cache_folder
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
-from eulerparams_control.laws.orientation import ORIENTATIONS, representation
-from eulerparams_control.laws.orientation.sequences import extract, pole_distance
-from eulerparams_control.laws.rotations import (
+from eulerparams_control.laws._old.orientation import ORIENTATIONS, representation
+from eulerparams_control.laws._old.orientation.sequences import extract, pole_distance
+from eulerparams_control.laws._old.rotations import (
     angle_between,
     exp,
     log,
@@ -59,7 +59,7 @@ def main(args: list[str] | None = None) -> int:
     for orientation in asked.orientations:
         for name in asked.schemes:
             parameters = schemes()[name].parameters(orientation=orientation)
-            Controller(parameters.make_scheme(robot, robot.limits), ControllerOptions(), home)
+            Controller(parameters.make_scheme(robot), ControllerOptions(), home)
     print(f"formulas compiled in {time.perf_counter() - started:.0f} s, kept in {cache_folder()}")
     return 0
 

@@ -13,7 +13,6 @@ from eulerparams_control.laws.scheme import JointCommand, Scheme, Tick
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.shaper import Shaper
 from eulerparams_control.motion.time_scale import TimeScale
-from eulerparams_control.robot.chain import TIP
 
 # In a step that is longer than this [s] a jerk is not small.
 _LONG = 0.005
@@ -174,7 +173,7 @@ class Guidance:
                 desired = scale.paced(dt, wanted, desired, motion.after)
             if dt > _LONG and not motion.is_holding:
                 desired = self._led(desired, dt / 2)
-        return self._command(t, dt, q, dq, desired.row)
+        return self._command(t, dt, q, dq, desired)
 
     @property
     def stop_time(self) -> float:
@@ -182,19 +181,19 @@ class Guidance:
         limits, now = self._options.motion, self.motion.last
         return 0.0 if limits is None else limits.stop_time(now.dp_d, now.omega_d)
 
-    def _command(self, t: int, dt: float, q: Array, dq: Array, desired: Array) -> JointCommand:
-        """Return the command of the law for a desired frame in a row (24,)."""
+    def _command(
+        self, t: int, dt: float, q: Array, dq: Array, desired: DesiredFrame
+    ) -> JointCommand:
+        """Return the command of the law for a desired frame."""
         scheme, motion, scale, pace = self.scheme, self.motion, self.scale, self.pace
         is_frozen = scheme.is_frozen
         try:
-            tick = scheme.step(dt, q, dq, desired)
+            tick = scheme.tick(dt, q, dq, desired)
         except (SingularityError, FollowingError) as error:
             raise LawError(error) from error
         pace.since += dt
         if pace.since >= LOOK:
-            arm, n = tick.arm, tick.n
-            J = arm[2 * n + TIP : 8 * n + TIP].reshape(6, n)
-            pace.update(scale.now, arm[:n], arm[n : 2 * n], J)
+            pace.update(scale.now, tick.state.q, tick.state.dq, tick.state.J)
         if self.is_braking:
             if scale.now == 0 or motion.is_at_rest:
                 motion.hold(motion.last)

@@ -30,6 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
+from eulerparams_control.laws._old.blend import blend, kept
 from eulerparams_control.laws._old.compiled import (
     NONE,
     Array,
@@ -63,7 +64,7 @@ from eulerparams_control.laws._old.orientation import (
     as_formulas,
 )
 from eulerparams_control.laws._old.orientation.base import Coordinates, law_of
-from eulerparams_control.laws.blend import blend, kept
+from eulerparams_control.laws._old.scheme import read_bounds, tick_places, too_far
 from eulerparams_control.laws.compliant_frame import TRANSLATIONAL_FRAMES
 from eulerparams_control.laws.dynamic_control import (
     INFINITE_EFFORT,
@@ -83,14 +84,7 @@ from eulerparams_control.laws.inverse_dynamics import (
     resolve_acceleration,
 )
 from eulerparams_control.laws.limits import without_accelerations
-from eulerparams_control.laws.scheme import (
-    JointCommand,
-    LoopGain,
-    Tick,
-    read_bounds,
-    tick_places,
-    too_far,
-)
+from eulerparams_control.laws.scheme import JointCommand, LoopGain, Tick
 from eulerparams_control.motion.frames import DesiredFrame, read_frame
 from eulerparams_control.motion.motion_limits import TipLimits
 from eulerparams_control.robot.chain import (
@@ -731,7 +725,7 @@ class Springs(NamedTuple):
 
 def effects_of(tick: Tick) -> Effects:
     """Return what a tick of compliance control knows of its springs and dampers."""
-    effects: Effects = _unpack_effects(tick.details[-effects_width:])
+    effects: Effects = _unpack_effects(tick.effects[-effects_width:])
     return effects
 
 
@@ -779,10 +773,10 @@ class ComplianceControl(DynamicControl):
         self.springs = None
         return super().hold(dt, q, dq, w)
 
-    def step(self, dt: float, q: Array, dq: Array, desired: Array, h: Array = NONE) -> Tick:
+    def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame, h: Array = NONE) -> Tick:
         """Return the efforts for this instant, with the force that is added.
 
-        See :meth:`DynamicControl.step`; a contact h is not compensated: it stretches the springs.
+        See :meth:`DynamicControl.tick`; a contact h is not compensated: it stretches the springs.
 
         Raises:
             ConfigurationError: if one is given.
@@ -798,8 +792,8 @@ class ComplianceControl(DynamicControl):
         law, part, springs = self.law, 1.0 - self._x_de.item(-1), self.springs
         if springs is None or springs.law is not law or springs.part != part:
             self.springs = Springs(law, part)
-        tick = super().step(dt, q, dq, desired, force)
-        self.loop_rate = tick.details.item(_RATE)
+        tick = self._tick(dt, q, dq, desired, force)
+        self.loop_rate = tick.effects.item(_RATE)
         return tick
 
     @property

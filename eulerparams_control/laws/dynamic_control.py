@@ -7,13 +7,14 @@ the representation; ``k_Pp, k_Po`` [1/s^2] and ``k_Vp, k_Vo`` [1/s] gains; base 
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, FollowingError, SingularityError
+from eulerparams_control.laws._old.blend import Blend, blend, kept
 from eulerparams_control.laws._old.compiled import (
     NONE,
     Array,
@@ -23,7 +24,6 @@ from eulerparams_control.laws._old.compiled import (
     Rows,
     kernel,
     layout,
-    of_parts,
     slot,
     to_rows,
 )
@@ -35,7 +35,16 @@ from eulerparams_control.laws._old.orientation import (
 )
 from eulerparams_control.laws._old.orientation.base import Coordinates, law_of
 from eulerparams_control.laws._old.rotations import chord
-from eulerparams_control.laws.blend import Blend, blend, kept
+from eulerparams_control.laws._old.scheme import (
+    FAR,
+    TURNED,
+    TipBounds,
+    bounds_row,
+    check_gains,
+    read_bounds,
+    tick_places,
+    too_far,
+)
 from eulerparams_control.laws.hold import (
     NO_CONTACT,
     JointHold,
@@ -66,20 +75,12 @@ from eulerparams_control.laws.limits import (
     factor_within,
 )
 from eulerparams_control.laws.scheme import (
-    FAR,
-    TURNED,
     Bounds,
-    ErrorBounds,
     JointCommand,
     LoopGain,
     Scheme,
     Tick,
-    TipBounds,
-    check_gains,
-    is_too_far,
-    read_bounds,
-    tick_places,
-    too_far,
+    refuse_error,
 )
 from eulerparams_control.motion.frames import DesiredFrame, frame_of, read_frame
 from eulerparams_control.motion.motion_limits import (
@@ -385,7 +386,6 @@ class EffortLimits:
     def __post_init__(self) -> None:
         if not np.all(np.asarray(self.rate) > 0):
             raise ConfigurationError(f"rate is {self.rate}; expected > 0")
-        object.__setattr__(self, "errors", ErrorBounds(self.error_position, self.error_rotation))
 
     @cached_property
     def rows(self) -> Array:
@@ -397,16 +397,12 @@ class EffortLimits:
     @cached_property
     def bounds(self) -> Array:
         """Bounds of errors and tip as a row."""
-        return self.errors.row(self.motion)
+        return bounds_row(self.error_position, self.error_rotation, self.motion)
 
     def refuse_error(self, desired: DesiredFrame, arm: RobotState) -> None:
         """Raise FollowingError if the tip is too far from the desired frame."""
-        if self.joints is None:
-            return
-        if found := is_too_far(*desired, arm.p_e, arm.R_e, self.bounds):
-            raise self.errors.error(found, desired, arm)
-
-    errors: ErrorBounds = field(default=ErrorBounds(), init=False)
+        if self.joints is not None:
+            refuse_error(desired, arm, self.error_position, self.error_rotation)
 
 
 class DynamicControl(Scheme):
@@ -599,19 +595,18 @@ class DynamicControl(Scheme):
             SingularityError: if the law has no finite answer.
             FollowingError: if the tip is too far from the desired frame.
         """
-        return self.step(dt, q, dq, desired.row, h)
+        return self._tick(dt, q, dq, desired, h)
 
-    def step(self, dt: float, q: Array, dq: Array, desired: Array, h: Array = NONE) -> Tick:
-        """Return the efforts for a desired frame in a row (24,); see :meth:`tick`."""
+    def _tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame, h: Array) -> Tick:
         n = self.robot.n
         if len(q) != n or len(dq) != n:
             self.robot.refuse_size(q, dq)
         row = np.empty(self.width)
-        tau, saturated, excess = self.efforts(dt, row, desired, h, q, dq)
-        self.note_contact(dt, row, desired, None, self.is_pressing)
-        told = saturated, excess, None, self._x_de
-        command = of_parts(JointCommand, (None, None, tau, None))
-        return of_parts(Tick, (command, desired, row, n, self._unpack, *told))
+        tau, saturated, excess = self.efforts(dt, row, desired.row, h, q, dq)
+        self.note_contact(dt, row, desired.row, None, self.is_pressing)
+        x_de, arm = self._unpack(self._x_de), RobotState.of(row, n)
+        command = JointCommand(effort=tau)
+        return Tick(command, desired, arm, x_de, saturated, excess, None, self._x_de)
 
     def efforts(
         self, dt: float, row: Array, desired: Array, h: Array,
@@ -664,7 +659,10 @@ class DynamicControl(Scheme):
     ) -> FollowingError | SingularityError:
         """Return what to say of what was found."""
         if found in (FAR, TURNED):
-            return self.limits.errors.error(found, desired, RobotState.of(row, self.robot.n))
+            try:
+                self.limits.refuse_error(desired, RobotState.of(row, self.robot.n))
+            except FollowingError as error:
+                return error
         return SingularityError(_WORDS.get(found) or self.law.orientation.singularity)
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:

@@ -22,6 +22,7 @@ from eulerparams_control.errors import (
     FollowingError,
     OverloadError,
 )
+from eulerparams_control.laws._old.blend import Blend, blend, kept
 from eulerparams_control.laws._old.compiled import (
     NONE,
     Array,
@@ -29,13 +30,11 @@ from eulerparams_control.laws._old.compiled import (
     Row,
     Rows,
     layout,
-    of_parts,
     slot,
 )
 from eulerparams_control.laws._old.orientation import Lyapunov
 from eulerparams_control.laws._old.orientation.base import Coordinates, entry_of
 from eulerparams_control.laws._old.rotations import angle_between, exp
-from eulerparams_control.laws.blend import Blend, blend, kept
 from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFrame
 from eulerparams_control.laws.contact_watch import ContactWatch, Oscillation, observe
 from eulerparams_control.laws.dynamic_control import (
@@ -516,11 +515,11 @@ class ImpedanceControl(Scheme):
         self._held = held
         self._balance = self._contact(q, dq)
         w = None if self._sensed is None else self._balance
-        return self.motion.hold(dt, q, dq, w)._replace(frame_row=held.row)
+        return self.motion.hold(dt, q, dq, w)._replace(frame=held)
 
     def last_command(self, q: Array, dq: Array) -> JointCommand:
         """Return the command of the motion loop that may stay for good."""
-        return self.motion.last_command(q, dq)._replace(frame_row=super().frame_at(q).row)
+        return self.motion.last_command(q, dq)._replace(frame=super().frame_at(q))
 
     def frame_at(self, q: Array) -> DesiredFrame:
         """Return the desired frame with which the tip stays at q (n,).
@@ -545,13 +544,14 @@ class ImpedanceControl(Scheme):
         desired = DesiredFrame(frame.p_d - x, exp(-turn) @ frame.R_d)
         return desired.carrying(self.law.centre.inverse)
 
-    def step(self, dt: float, q: Array, dq: Array, desired: Array) -> Tick:
+    def tick(self, dt: float, q: Array, dq: Array, frame: DesiredFrame) -> Tick:
         """Return the efforts and the compliant frame for this instant.
 
         Raises:
             SingularityError: if a law has no finite answer.
             FollowingError: if the tip is too far from the compliant frame.
         """
+        desired = frame.row
         motion, law, robot, chain, contact = (
             self.motion, self.law, self.robot, self.chain, self.contact
         )  # fmt: skip
@@ -578,12 +578,12 @@ class ImpedanceControl(Scheme):
             h = h + self._ahead(row)
         tau, saturated, excess = motion.efforts(dt, row, compliant, h)  # eq. (48)
         motion.note_contact(dt, row, desired, None if self.is_frozen else w[:3], self.force.is_on)
-        command = of_parts(JointCommand, (None, None, tau, compliant))
+        command = JointCommand(effort=tau, frame=DesiredFrame.of(compliant))
         # of the tip from the desired frame, not from the compliant one
-        self._x_de = x_de = sensed[12:]
-        told = saturated, excess, None if self.is_frozen else w, x_de
-        unpack = law.compliance.orientation.rows.unpack
-        return of_parts(Tick, (command, desired, row, n, unpack, *told))
+        self._x_de = sensed[12:]
+        x_de = law.compliance.orientation.rows.unpack(self._x_de)
+        felt = None if self.is_frozen else w
+        return Tick(command, frame, RobotState.of(row, n), x_de, saturated, excess, felt)
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return V_3 and its derivative, eqs. (68), (69), of the rotation of the centre."""

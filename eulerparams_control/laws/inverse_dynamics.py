@@ -20,6 +20,7 @@ from eulerparams_control.laws._old.compiled import (
     layout,
     to_rows,
 )
+from eulerparams_control.laws._old.scheme import check_gains
 from eulerparams_control.laws.friction import JointFriction, friction_effort
 from eulerparams_control.laws.inverse import DampedInverse, invert, resolve
 from eulerparams_control.laws.limits import (
@@ -30,7 +31,6 @@ from eulerparams_control.laws.limits import (
     limit_acceleration,
     subtract,
 )
-from eulerparams_control.laws.scheme import check_gains
 from eulerparams_control.robot.chain import WORK, efforts, place
 from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
 

@@ -3,9 +3,10 @@
 import numpy as np
 
 from eulerparams_control.errors import RobotError
-from eulerparams_control.laws._old.orientation import representation
-from eulerparams_control.laws._old.rotations import Array, angle_between
-from eulerparams_control.laws.clik import ClikLaw
+from eulerparams_control.laws.clik import clik
+from eulerparams_control.laws.inverse import DampedInverse
+from eulerparams_control.laws.orientation import representation
+from eulerparams_control.laws.rotations import Array, angle_between, norm
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.robot import Robot
 
@@ -20,13 +21,14 @@ def inverse_kinematics(robot: Robot, frame: DesiredFrame, q_start: Array) -> Arr
     Raises:
         RobotError: if the pose is not reached, or only outside the limits of the joints.
     """
-    law = ClikLaw(representation("rotation_vector"), k_Pp=_GAIN, k_Po=_GAIN)
+    log, inverse = representation("rotation_vector"), DampedInverse()
     frame, q, still = frame.at_rest(), q_start.copy(), np.zeros_like(q_start)
     for _ in range(_STEPS):
         state = robot.state(q, still)
-        dq, dp_de, _ = law.velocity(state, frame, None)
-        if np.linalg.norm(dp_de) < _DISTANCE and angle_between(frame.R_d, state.R_e) < _ANGLE:
+        distance, angle = norm(frame.p_d - state.p_e), angle_between(frame.R_d, state.R_e)
+        if distance < _DISTANCE and angle < _ANGLE:
             break
+        dq, _ = clik(state, frame, log, None, _GAIN, _GAIN, inverse, still)
         q = q + dq
     else:
         raise RobotError(

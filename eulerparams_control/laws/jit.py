@@ -28,6 +28,20 @@ from numpy.typing import NDArray
 
 type Array = NDArray[np.float64]
 
+__all__ = [
+    "Array",
+    "b1",
+    "f8",
+    "i8",
+    "jit",
+    "matrix",
+    "new_matrix",
+    "new_vector",
+    "types",
+    "vector",
+    "void",
+]
+
 f8, i8, b1, void = float64, int64, boolean, types.void
 vector = types.Array(float64, 1, "A", readonly=True)
 matrix = types.Array(float64, 2, "A", readonly=True)

@@ -92,6 +92,12 @@ class JointLimits:
         """Return |q_c - q| (n,) [rad or m]; modulo a turn where there are no position limits."""
         return np.abs(self.difference(q_c, q))
 
+    def integrated(self, q: Array, dq: Array, dt: float) -> Array:
+        """Return q + dt dq (n,); motion outward beyond limits of positions is cut."""
+        low, high = np.minimum(self.lower, q), np.maximum(self.upper, q)
+        after: Array = np.minimum(np.maximum(q + dt * dq, low), high)
+        return after
+
     def stop_time(self, dq: Array) -> float:
         """Return the time [s] in which joints stop together from dq (n,); efforts follow late."""
         return stop_time(self.rows, dq)

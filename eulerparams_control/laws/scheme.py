@@ -2,21 +2,15 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from eulerparams_control.errors import ConfigurationError, FollowingError
-from eulerparams_control.laws._old.compiled import NONE, Input, Inputs, entry, kernel, layout
-from eulerparams_control.laws._old.linear import Mat, Vec, mat, norm, vec
-from eulerparams_control.laws._old.orientation import Lyapunov
-from eulerparams_control.laws._old.rotations import Array, angle_between
+from eulerparams_control.errors import FollowingError
 from eulerparams_control.laws.limits import JointLimits
-from eulerparams_control.motion.frames import DesiredFrame, frame_of
-from eulerparams_control.motion.motion_limits import NO_LIMITS, MotionLimits, TipLimits
-from eulerparams_control.robot.chain import arm_width
+from eulerparams_control.laws.orientation import Lyapunov
+from eulerparams_control.laws.rotations import Array, angle_between, norm
+from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.robot import Robot, RobotState
 
 
@@ -27,18 +21,13 @@ class JointCommand(NamedTuple):
         q: (n,) positions [rad or m].
         dq: (n,) velocities [rad/s or m/s].
         effort: (n,) efforts [Nm or N].
-        frame_row: (24,) compliant frame of the tip.
+        frame: the compliant frame of the tip.
     """
 
     q: Array | None = None
     dq: Array | None = None
     effort: Array | None = None
-    frame_row: Array | None = None
-
-    @property
-    def frame(self) -> DesiredFrame | None:
-        """The compliant frame of the tip."""
-        return None if self.frame_row is None else DesiredFrame.of(self.frame_row)
+    frame: DesiredFrame | None = None
 
 
 class Bounds(NamedTuple):
@@ -53,139 +42,34 @@ class Bounds(NamedTuple):
     effort_rate: Array | float = math.inf
 
 
-@dataclass(frozen=True)
-class ErrorBounds:
-    """Errors of the tip at which the motion is stopped.
-
-    Attributes:
-        position: [m] between the desired and the actual frame.
-        rotation: [rad] between them; pi or more: none stops it.
-
-    Raises:
-        ConfigurationError: if one is not positive.
-    """
-
-    position: float = math.inf
-    rotation: float = math.inf
-
-    def __post_init__(self) -> None:
-        for name in ("position", "rotation"):
-            if not getattr(self, name) > 0:
-                raise ConfigurationError(f"max_error_{name} is {getattr(self, name)}; expected > 0")
-
-    def row(self, motion: MotionLimits | None) -> Array:
-        """Return them with the limits of the tip, if there are any, as :class:`TipBounds`."""
-        most = NO_LIMITS.row if motion is None else motion.row
-        return np.array([self.position, self.rotation, *most])
-
-    def error(self, found: int, desired: DesiredFrame, arm: RobotState) -> FollowingError:
-        """Return what to say where the tip was found FAR from the desired frame, or TURNED."""
-        if found == FAR:
-            distance = np.linalg.norm(desired.p_d - arm.p_e)
-            return FollowingError(
-                f"the tip is {distance:.3f} m from the desired frame; at most {self.position} m is "
-                "allowed: is the pose out of reach, or across a singularity? then send a nearer "
-                "one; is the arm braked or blocked, or at a limit of its joints? then send the "
-                "reference again; is the computer late? then lower the gains k_P and k_V; else "
-                "raise max_error_position"
-            )
-        angle = angle_between(desired.R_d, arm.R_e)
-        return FollowingError(
-            f"the tip is turned by {math.degrees(angle):.1f} deg from the desired frame; "
-            f"at most {math.degrees(self.rotation):.1f} deg is allowed: is the arm "
-            "blocked, or the orientation singular? then send the reference again, else "
-            "raise max_error_rotation"
-        )
-
-
-class TipBounds(NamedTuple):
-    """Errors of the tip at which the motion is stopped, and its limits, as formulas take them."""
-
-    position: float
-    rotation: float
-    limits: TipLimits
-
-
-read_bounds = layout(TipBounds).read
-
-FAR, TURNED = -1, -2
-"""Error of a tip beyond the bounds of its errors."""
-
-
-@kernel
-def too_far(desired: DesiredFrame, p_e: Vec, R_e: Mat, bounds: TipBounds) -> int:
-    """Return FAR, TURNED, or 0 where the tip is within these errors of the desired frame."""
-    if norm(desired.p_d - p_e) > bounds.position:
-        return FAR
-    return TURNED if angle_between(desired.R_d, R_e) > bounds.rotation else 0
-
-
-@entry
-def is_too_far(
-    p_d: Input, R_d: Inputs, dp_d: Input, omega_d: Input, ddp_d: Input, domega_d: Input,
-    p_e: Input, R_e: Inputs, bounds: Input,
-) -> int:  # fmt: skip
-    """Return what ``too_far`` does; ``bounds`` is :meth:`ErrorBounds.row`."""
-    desired = frame_of(p_d, R_d, dp_d, omega_d, ddp_d, domega_d)
-    return too_far(desired, vec(p_e), mat(R_e), read_bounds(bounds, 0))
-
-
-@kernel
-def tick_places(n: int) -> tuple[int, int, int, int]:
-    """Return what is where in the row of a tick, behind that of the arm.
-
-    That is the excess, the two rows (n,) of the command, and x_de.
-    """
-    at = arm_width(n)
-    return at, at + 1, at + 1 + n, at + 1 + 2 * n
-
-
 class Tick(NamedTuple):
-    """One tick of a scheme; what it has seen is made of its numbers where that is asked for.
+    """One tick of a scheme.
 
     Attributes:
         command: for the joints.
-        desired_row: (24,) the desired frame.
-        arm: row of the arm of n joints on which the loop was closed.
-        n: its joints.
-        unpack: returns x_de of its row.
+        desired: the desired frame.
+        state: kinematics of the arm on which the loop was closed.
+        x_de: orientation displacement of the representation, eqs. (22), (27).
         saturated: whether a limit changed the command.
         excess: by how much what the law asks for is beyond its limits, joint speeds or how far a
             spring is stretched; >= 1.  Time waits for the arm then.
         wrench: (6,) [N, Nm] contact about the tip, base frame; None where none is measured.
-        details: x_de, and what the law knows besides, as a row.
+        effects: what the law knows besides.
     """
 
     command: JointCommand
-    desired_row: Array
-    arm: Array
-    n: int
-    unpack: Callable[[Array], Any]
-    saturated: bool
+    desired: DesiredFrame
+    state: RobotState
+    x_de: Any
+    saturated: bool = False
     excess: float = 1.0
     wrench: Array | None = None
-    details: Array = NONE
-
-    @property
-    def desired(self) -> DesiredFrame:
-        """The desired frame."""
-        return DesiredFrame.of(self.desired_row)
-
-    @property
-    def state(self) -> RobotState:
-        """Kinematics on which the loop was closed."""
-        return RobotState.of(self.arm, self.n)
+    effects: Any = None
 
     @property
     def dp_de(self) -> Array:
         """Position error (3,) [m], eq. (21)."""
-        error: Array = self.desired.p_d - self.state.p_e
-        return error
-
-    @property
-    def x_de(self) -> Any:
-        """Orientation displacement of the representation, eqs. (22), (27)."""
-        return self.unpack(self.details)
+        return self.desired.p_d - self.state.p_e
 
 
 class LoopGain(NamedTuple):
@@ -208,11 +92,32 @@ class LoopGain(NamedTuple):
         return self.value * float((rate / self.rate) ** self.order)
 
 
-def check_gains(law: object, *names: str) -> None:
-    """Raise ConfigurationError unless these gains of a law are finite and 0 or more."""
-    for name in names:
-        if not 0 <= getattr(law, name) < math.inf:
-            raise ConfigurationError(f"{name} is {getattr(law, name)}; expected >= 0")
+def refuse_error(desired: DesiredFrame, arm: RobotState, position: float, rotation: float) -> None:
+    """Raise FollowingError if the tip is too far from the desired frame.
+
+    Args:
+        desired: the desired frame.
+        arm: where the tip is.
+        position: [m] between them at most.
+        rotation: [rad] between them at most; pi or more: any.
+    """
+    distance = norm(desired.p_d - arm.p_e)
+    if distance > position:
+        raise FollowingError(
+            f"the tip is {distance:.3f} m from the desired frame; at most {position} m is "
+            "allowed: is the pose out of reach, or across a singularity? then send a nearer "
+            "one; is the arm braked or blocked, or at a limit of its joints? then send the "
+            "reference again; is the computer late? then lower the gains k_P and k_V; else "
+            "raise max_error_position"
+        )
+    angle = angle_between(desired.R_d, arm.R_e)
+    if angle > rotation:
+        raise FollowingError(
+            f"the tip is turned by {math.degrees(angle):.1f} deg from the desired frame; "
+            f"at most {math.degrees(rotation):.1f} deg is allowed: is the arm "
+            "blocked, or the orientation singular? then send the reference again, else "
+            "raise max_error_rotation"
+        )
 
 
 class Scheme(ABC):
@@ -288,13 +193,9 @@ class Scheme(ABC):
     def start_frame(self) -> DesiredFrame:
         """Return the frame at which the scheme has zero error after a reset, or while it holds."""
 
+    @abstractmethod
     def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
         """Return the command for the measured q, dq (n,), dt [s] after the tick before."""
-        return self.step(dt, q, dq, desired.row)
-
-    @abstractmethod
-    def step(self, dt: float, q: Array, dq: Array, desired: Array) -> Tick:
-        """Return the same for a desired frame in a row (24,); see :meth:`tick`."""
 
     def last_command(self, q: Array, dq: Array) -> JointCommand:
         """Return the command that may stay for good, for an arm at rest at q, dq (n,)."""

@@ -253,12 +253,17 @@ class ControlParameters(RealTimeParameters):
         """Return the robot of a URDF; raises RobotError if it lacks a frame or a joint."""
         return Robot(urdf, self.base_frame, self.tip_frame, self.joints)
 
-    def inverse(self) -> DampedInverse:
-        """Return the inverse of the Jacobian."""
-        return DampedInverse(self.damping_eps, self.damping_max)
+    def inverse(self, robot: Robot) -> DampedInverse:
+        """Return the inverse of the Jacobian of a robot."""
+        return DampedInverse(self.damping_eps, self.damping_max, robot.length)
 
-    def posture_or_none(self) -> Array | None:
-        """Return the posture (n,) [rad or m], or None."""
+    def posture_of(self, robot: Robot) -> Array | None:
+        """Return the posture (n,) [rad or m] of a robot, or None; raises ConfigurationError."""
+        if self.posture and len(self.posture) != robot.n:
+            raise ConfigurationError(
+                f"posture has {len(self.posture)} values; expected one for each of the {robot.n} "
+                f"joints {', '.join(robot.joints)}"
+            )
         return np.array(self.posture) if self.posture else None
 
 
@@ -277,7 +282,7 @@ def load_laws(parameters: Any, robot: Robot) -> set[str]:
         other = replace(parameters, orientation=orientation)
         try:
             with nothing_compiled():
-                other.make_scheme(robot, other.limits(robot))
+                other.make_scheme(robot)
         except NotCompiledError:
             continue
         except ConfigurationError:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from eulerparams_control.laws.compliance_control import BLEND_TIME, ComplianceControl, ElasticLaw
 from eulerparams_control.laws.compliant_frame import TRANSLATIONAL_FRAMES
 from eulerparams_control.laws.impedance_matrices import symmetric_matrix
-from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.parameters.common import ControlParameters
 from eulerparams_control.parameters.efforts import EffortParameters
 from eulerparams_control.parameters.fields import other_default, parameter
@@ -64,12 +63,12 @@ class ComplianceParameters(EffortParameters, scheme="compliance_control"):
             self.translational_frame,
         )
 
-    def make_scheme(self, robot: Robot, limits: JointLimits | None) -> ComplianceControl:
+    def make_scheme(self, robot: Robot) -> ComplianceControl:
         """Return compliance control for a robot; raises ConfigurationError."""
-        bounds = self.effort_limits(robot, limits)
+        bounds = self.effort_limits(robot)
         return ComplianceControl(robot, self.law(), self.dynamics(robot), bounds, BLEND_TIME)
 
-    def change_scheme(self, scheme: ComplianceControl, limits: JointLimits | None) -> None:
+    def change_scheme(self, scheme: ComplianceControl) -> None:
         """Let a running scheme go over to these parameters; raises ConfigurationError."""
-        bounds = self.effort_limits(scheme.robot, limits)
+        bounds = self.effort_limits(scheme.robot)
         scheme.replace_law(self.law(), self.dynamics(scheme.robot), bounds)

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 from eulerparams_control.laws.dynamic_control import DynamicControl
-from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.parameters.efforts import ResolvedParameters
 from eulerparams_control.robot.robot import Robot
 
@@ -12,13 +11,13 @@ from eulerparams_control.robot.robot import Robot
 class DynamicParameters(ResolvedParameters, scheme="dynamic_control"):
     """Parameters of the node ``dynamic_control``: those of its inverse dynamics."""
 
-    def make_scheme(self, robot: Robot, limits: JointLimits | None) -> DynamicControl:
+    def make_scheme(self, robot: Robot) -> DynamicControl:
         """Return dynamic control for a robot."""
-        bounds = self.effort_limits(robot, limits)
+        bounds = self.effort_limits(robot)
         return DynamicControl(robot, self.law(), self.dynamics(robot), bounds)
 
-    def change_scheme(self, scheme: DynamicControl, limits: JointLimits | None) -> None:
+    def change_scheme(self, scheme: DynamicControl) -> None:
         """Let a running scheme go over to these parameters; raises ConfigurationError."""
         robot = scheme.robot
-        bounds = self.effort_limits(robot, limits)
+        bounds = self.effort_limits(robot)
         scheme.replace_law(self.law(), self.dynamics(robot), bounds)

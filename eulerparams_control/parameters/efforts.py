@@ -9,7 +9,6 @@ from eulerparams_control.laws.dynamic_control import EffortLimits, ResolvedAccel
 from eulerparams_control.laws.friction import JointFriction
 from eulerparams_control.laws.impedance_matrices import symmetric_matrix
 from eulerparams_control.laws.inverse_dynamics import InverseDynamics
-from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.parameters.common import ControlParameters, each_joint
 from eulerparams_control.parameters.fields import other_default, parameter
 from eulerparams_control.robot.robot import Robot, Tool
@@ -83,21 +82,25 @@ class EffortParameters(ControlParameters):
             )
         )
         return InverseDynamics(
-            self.inverse(),
+            self.inverse(robot),
             self.compensate_gravity,
             self.compensate_coriolis,
             friction if self.compensate_friction else None,
-            self.posture_or_none(),
+            self.posture_of(robot),
             self.k_posture,
             self.k_null,
         )
 
-    def effort_limits(self, robot: Robot, limits: JointLimits | None) -> EffortLimits:
+    def effort_limits(self, robot: Robot) -> EffortLimits:
         """Return what bounds the efforts; raises ConfigurationError."""
         given = self.max_effort_rate
         rate = each_joint("max_effort_rate", given, robot) if given else robot.limits.effort_rate
         return EffortLimits(
-            limits, rate, self.max_error_position, self.max_error_rotation, self.motion_limits()
+            self.limits(robot),
+            rate,
+            self.max_error_position,
+            self.max_error_rotation,
+            self.motion_limits(),
         )
 
     def tool(self) -> Tool | None:

@@ -19,7 +19,6 @@ from eulerparams_control.laws.impedance_control import (
     NoMotionLoop,
 )
 from eulerparams_control.laws.impedance_matrices import Impedance, impedance_of
-from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.wrench import WrenchChain, WrenchOptions
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.common import LATEST, NO_COMMANDS, PAIRINGS
@@ -317,25 +316,22 @@ class ImpedanceParameters(
             "turns to max_displacement_rotation; raise K_o, or lower max_contact_torque"
         )
 
-    def make_scheme(
-        self, robot: Robot, limits: JointLimits | None, chain: WrenchChain | None = None
-    ) -> ImpedanceControl:
+    def make_scheme(self, robot: Robot, chain: WrenchChain | None = None) -> ImpedanceControl:
         """Return impedance control for a robot; raises ConfigurationError.
 
         Args:
             robot: the arm.
-            limits: of its joints; None: no limits.
             chain: that makes the contact of what is sensed; None: a new one.
         """
-        bounds = self.effort_limits(robot, limits)
+        bounds = self.effort_limits(robot)
         motion: MotionLoop = NoMotionLoop(robot, bounds)
         if self.commands_joints:
             motion = DynamicControl(robot, self.law(), self.dynamics(robot), bounds)
         return ImpedanceControl(motion, self.impedance_law(robot), chain)
 
-    def change_scheme(self, scheme: ImpedanceControl, limits: JointLimits | None) -> None:
+    def change_scheme(self, scheme: ImpedanceControl) -> None:
         """Let a running scheme go over to these parameters; raises ConfigurationError."""
-        robot, bounds = scheme.robot, self.effort_limits(scheme.robot, limits)
+        robot, bounds = scheme.robot, self.effort_limits(scheme.robot)
         scheme.replace_law(self.impedance_law(robot), self.law(), self.dynamics(robot), bounds)
 
     def _refuse_late(self, Z: Impedance) -> None:

@@ -16,7 +16,6 @@ from eulerparams_control.laws.rotations import Array, quaternion
 from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.messages.to_ros import duration_to_ros, motion_to_ros
 from eulerparams_control.messages.wire import Template
-from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.ros.qos import QOS_STREAM
 
@@ -138,7 +137,6 @@ class ComplianceCommands:
     ) -> None:
         self._node, self._efforts = node, efforts
         self._frames = base_frame, tip_frame
-        quaternion.prepare()  # not while an arm moves
         self._template: Template | None = None
         self._publisher = node.create_publisher(
             MultiDOFJointTrajectory, "compliant_frame", QOS_STREAM
@@ -148,14 +146,13 @@ class ComplianceCommands:
         """Publish both under the stamp of the joint_states that they answer."""
         if self._efforts is not None:
             self._efforts.publish(stamp, command)
-        if (row := command.frame_row) is not None:
+        if (frame := command.frame) is not None:
             if self._template is None:
-                motion = Trajectory([0.0], [DesiredFrame.of(row)])
+                motion = Trajectory([0.0], [frame])
                 msg = motion_to_ros(motion, *self._frames)
                 self._template = Template(type(msg).__name__, serialize_message(msg), _OF_A_FRAME)
-            Q = quaternion.row(row[3:12])
-            rates = row[12:15], row[15:18], row[18:21], row[21:]
-            numbers = row[:3], Q[1:], Q[0], *rates
+            Q = quaternion(frame.R_d)
+            numbers = frame.p_d, Q.eps, Q.eta, *frame[2:]
             self._publisher.publish(self._template.filled(stamp, numbers))
 
     @property

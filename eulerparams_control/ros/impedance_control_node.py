@@ -14,7 +14,6 @@ from eulerparams_control.control.mode import STIFFNESS_WAITS, Cause, Why, calmed
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError, RobotError
 from eulerparams_control.laws.compliant_frame import ComplianceLaw
 from eulerparams_control.laws.impedance_control import ImpedanceControl
-from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.laws.scheme import Scheme, Tick
 from eulerparams_control.messages.keys import WRENCH_FRAME
@@ -62,18 +61,18 @@ class ImpedanceControlNode(ControlNode):
 
     # --- the scheme --------------------------------------------------------------------
 
-    def make_scheme(self, robot: Robot, limits: JointLimits | None) -> ImpedanceControl:
+    def make_scheme(self, robot: Robot) -> ImpedanceControl:
         """Return impedance control for a robot."""
         p: ImpedanceParameters = self._params
-        scheme = p.make_scheme(robot, limits, self._contact.chain)
+        scheme = p.make_scheme(robot, self._contact.chain)
         scheme.sense(self._sensor.fresh)
         return scheme
 
-    def change_scheme(self, scheme: Scheme, parameters: Any, limits: JointLimits | None) -> None:
+    def change_scheme(self, scheme: Scheme, parameters: Any) -> None:
         """Go over to new parameters; raises ConfigurationError."""
         assert isinstance(scheme, ImpedanceControl)
         target = self._target.kept(parameters)
-        target.of(parameters).change_scheme(scheme, limits)
+        target.of(parameters).change_scheme(scheme)
         self._target = target
         self._contact.wrenches.clear()  # they are of another tool or bias
 

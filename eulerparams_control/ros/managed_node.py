@@ -24,7 +24,6 @@ from eulerparams_control.errors import (
 )
 from eulerparams_control.events import Event, tell
 from eulerparams_control.laws._old.compiled import nothing_compiled
-from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.scheme import Scheme
 from eulerparams_control.messages.keys import Lifecycle
 from eulerparams_control.messages.keys import LifecycleCause as Cause
@@ -80,14 +79,14 @@ class ManagedNode(LifecycleNode):
     ) -> None:
         self._health.set(level, message, remedy, mode=mode.value, cause=str(cause))
 
-    def make_scheme(self, robot: Robot, limits: JointLimits | None) -> Scheme:
+    def make_scheme(self, robot: Robot) -> Scheme:
         """Return the scheme for a robot, from the parameters; raises ConfigurationError."""
-        scheme: Scheme = self._params.make_scheme(robot, limits)
+        scheme: Scheme = self._params.make_scheme(robot)
         return scheme
 
-    def change_scheme(self, scheme: Scheme, parameters: Any, limits: JointLimits | None) -> None:
+    def change_scheme(self, scheme: Scheme, parameters: Any) -> None:
         """Change a running scheme to new parameters; raises ConfigurationError."""
-        parameters.change_scheme(scheme, limits)
+        parameters.change_scheme(scheme)
 
     def make_commands(self, joints: tuple[str, ...]) -> Commands:
         """Return the publisher of the scheme's commands."""
@@ -134,13 +133,12 @@ class ManagedNode(LifecycleNode):
         old, self._params = self._params, new
         try:
             if self._controller is not None and self._robot is not None:
-                limits = new.limits(self._robot)
                 if new.orientation not in self._loaded:  # to load it takes a tenth of a second
                     raise NotCompiledError
                 with nothing_compiled():
                     if new.orientation != old.orientation:  # nothing is taken of what is refused
-                        new.make_scheme(self._robot, limits)
-                    self.change_scheme(self._controller.scheme, new, limits)
+                        new.make_scheme(self._robot)
+                    self.change_scheme(self._controller.scheme, new)
                 self._controller.changed(ControllerOptions.of(new))
                 changed = [name for name, now in asdict(new).items() if now != getattr(old, name)]
                 text = ", ".join(f"{name} {getattr(new, name)}" for name in changed)
@@ -148,7 +146,7 @@ class ManagedNode(LifecycleNode):
                 self._changed()
             elif self._robot is not None:
                 # refuses now what activation would refuse
-                self.make_scheme(self._robot, new.limits(self._robot))
+                self.make_scheme(self._robot)
                 self._loaded.add(new.orientation)
         except ConfigurationError:
             self._params = old
@@ -168,7 +166,7 @@ class ManagedNode(LifecycleNode):
             robot = self._params.robot(self._description)
             robot.refuse_joints()
             # refuses now what activation would refuse
-            self.make_scheme(robot, self._params.limits(robot))
+            self.make_scheme(robot)
             self._loaded = load_laws(self._params, robot)
         except EulerParamsError as error:
             return self._fail(f"not configured: {error}", Lifecycle.UNCONFIGURED)
@@ -196,7 +194,7 @@ class ManagedNode(LifecycleNode):
                 raise ConfigurationError("joint_states has stopped; is the robot running?")
             if reason := self.refusal():
                 raise ConfigurationError(reason)
-            scheme = self.make_scheme(robot, p.limits(robot))
+            scheme = self.make_scheme(robot)
         except EulerParamsError as error:
             self._health.values.update(self.values_now())
             return self._fail(f"not activated: {error}", Lifecycle.INACTIVE)

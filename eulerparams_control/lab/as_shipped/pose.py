@@ -10,96 +10,65 @@ T_e^-1 T_d = {p, R}, in the axes of the tip:
 | ``as_shipped_dual`` | 2 k times the vector parts of the unit dual quaternion x_e* x_d |
 """
 
-from typing import Any, ClassVar, NamedTuple
+from abc import abstractmethod
+from typing import Any
 
 import numpy as np
 
-from eulerparams_control.laws._old.compiled import (
-    Formula,
-    Input,
-    Inputs,
-    Row,
-    Rows,
-    formula,
-    slot,
-    template,
+from eulerparams_control.laws.clik import Clik, held_gain
+from eulerparams_control.laws.orientation import OrientationRepresentation
+from eulerparams_control.laws.orientation.euler_parameters import EulerParametersRepresentation
+from eulerparams_control.laws.orientation.rotation_vector import RotationVectorRepresentation
+from eulerparams_control.laws.rotations import (
+    Array,
+    cross,
+    log,
+    quaternion,
+    right_jacobian,
+    solve,
 )
-from eulerparams_control.laws._old.linear import Mat, Vec, VecLike, cross, put_vec, solve
-from eulerparams_control.laws._old.orientation.base import OrientationRepresentation, law_of
-from eulerparams_control.laws._old.orientation.euler_parameters import EulerParametersRepresentation
-from eulerparams_control.laws._old.orientation.rotation_vector import RotationVectorRepresentation
-from eulerparams_control.laws._old.rotations import log, quaternion, right_jacobian
-from eulerparams_control.laws.clik import Clik, ClikLaw, _tick, over
-from eulerparams_control.laws.inverse import invert, resolve
 from eulerparams_control.motion.frames import DesiredFrame
-from eulerparams_control.motion.motion_limits import TipLimits
-
-
-class Twist(NamedTuple):
-    """Linear and angular velocity (3,) for the gain 1, axes of the tip."""
-
-    v: VecLike
-    omega: VecLike
-
-
-@formula
-def log6(p: Vec, R: Mat) -> Twist:
-    """Return log6 of {p, R}: along it the tip goes on a screw."""
-    omega = log(R)
-    return Twist(solve(right_jacobian(-omega), p), omega)
-
-
-@formula
-def dual(p: Vec, R: Mat) -> Twist:
-    """Return twice the vector parts of Q + (unit) p Q / 2."""
-    Q = quaternion(R)
-    return Twist(Q.eta * p + cross(p, Q.eps), 2.0 * Q.eps)
-
-
-displacement = pose = slot
-
-
-def _law(
-    q: Input, p_e: Vec, R_e: Mat, J: Inputs, desired: DesiredFrame, previous: Any, numbers: Any,
-    most: TipLimits, dt: float, posture: Input, joints: Rows, dq: Row,
-) -> tuple[Any, bool]:  # fmt: skip
-    """Fill dq (n,) for a goal at rest, without limits of the tip; see ``laws.clik``."""
-    twist, k = pose(R_e.T @ (desired.p_d - p_e), R_e.T @ desired.R_d), over(numbers.k_Pp, dt)
-    bracket, inverse = np.empty(6), np.empty((len(q), 6))
-    put_vec(bracket, 0, k * (R_e @ twist.v))
-    put_vec(bracket, 3, k * (R_e @ twist.omega))
-    invert(J, numbers.eps, numbers.lambda_max, numbers.length, inverse)
-    resolve(inverse, J, bracket, np.zeros(len(q)), dq)
-    return displacement(desired.R_d, R_e, previous, numbers.options), True
+from eulerparams_control.robot.robot import RobotState
 
 
 class PoseLaw(OrientationRepresentation):
-    """A representation that is of the whole pose; its ``law`` takes the place of that of CLIK."""
+    """A representation that is of the whole pose."""
 
-    law: ClassVar[Any]
-
-    def __init_subclass__(cls, pose: Formula, **kwargs: Any) -> None:
-        cls.law = staticmethod(template(_law, f"{cls.__name__}_law", pose=pose))
-        super().__init_subclass__(**kwargs)
+    @abstractmethod
+    def twist(self, p: Array, R: Array) -> tuple[Array, Array]:
+        """Return linear and angular velocity (3,) for the gain 1 and {p, R}, axes of the tip."""
 
 
-class Log6(PoseLaw, RotationVectorRepresentation, pose=log6):
+class Log6(PoseLaw, RotationVectorRepresentation):
     """log6 of the pose."""
 
     name = "as_shipped_log6"
 
+    def twist(self, p: Array, R: Array) -> tuple[Array, Array]:
+        """Return log6 of {p, R}: along it the tip goes on a screw."""
+        omega = log(R)
+        return solve(right_jacobian(-omega), p), omega
 
-class Dual(PoseLaw, EulerParametersRepresentation, pose=dual):
+
+class Dual(PoseLaw, EulerParametersRepresentation):
     """The unit dual quaternion."""
 
     name = "as_shipped_dual"
 
+    def twist(self, p: Array, R: Array) -> tuple[Array, Array]:
+        """Return twice the vector parts of Q + (unit) p Q / 2."""
+        eta, eps = quaternion(R)
+        return eta * p + cross(p, eps), 2.0 * eps
+
 
 class PoseClik(Clik):
-    """CLIK with a law of the pose."""
+    """CLIK with a law of the pose, without limits of the tip."""
 
-    def _take(self, law: ClikLaw) -> None:
-        super()._take(law)
-        kind = type(law.orientation)
-        if issubclass(kind, PoseLaw):
-            self._step = law_of(_tick, kind.law, kind)
+    def _velocity(self, dt: float, arm: RobotState, desired: DesiredFrame) -> tuple[Array, Any]:
+        law = self.orientation
+        if not isinstance(law, PoseLaw):
+            return super()._velocity(dt, arm, desired)
+        v, omega = law.twist(arm.R_e.T @ (desired.p_d - arm.p_e), arm.R_e.T @ desired.R_d)
+        twist = held_gain(self.parameters.k_Pp, dt) * np.concatenate((arm.R_e @ v, arm.R_e @ omega))
+        dq: Array = self._inverse(arm.J) @ twist
+        return dq, law.displacement(desired.R_d, arm.R_e, self._x_de)
