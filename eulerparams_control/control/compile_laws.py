@@ -14,7 +14,6 @@ import numpy as np
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.laws._old.compiled import IS_COMPILED, cache_folder
-from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
 from eulerparams_control.laws._old.orientation import ORIENTATIONS, representation
 from eulerparams_control.laws._old.orientation.sequences import extract, pole_distance
 from eulerparams_control.laws._old.rotations import (
@@ -25,6 +24,7 @@ from eulerparams_control.laws._old.rotations import (
     quaternion,
     rotation_vector,
 )
+from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.robot.catalogue import load_robot

@@ -44,6 +44,21 @@ from eulerparams_control.laws._old.compiled import (
     slot,
     to_rows,
 )
+from eulerparams_control.laws._old.dynamic_control import (
+    INFINITE_EFFORT,
+    OF_LAW,
+    SINGULAR,
+    STEEP_JOINT,
+    DynamicControl,
+    is_bounded,
+)
+from eulerparams_control.laws._old.inverse_dynamics import (
+    INFINITE,
+    NUMBERS,
+    RATE,
+    commanded,
+    resolve_acceleration,
+)
 from eulerparams_control.laws._old.linear import (
     Mat,
     MatLike,
@@ -66,23 +81,8 @@ from eulerparams_control.laws._old.orientation import (
 from eulerparams_control.laws._old.orientation.base import Coordinates, law_of
 from eulerparams_control.laws._old.scheme import read_bounds, tick_places, too_far
 from eulerparams_control.laws.compliant_frame import TRANSLATIONAL_FRAMES
-from eulerparams_control.laws.dynamic_control import (
-    INFINITE_EFFORT,
-    OF_LAW,
-    SINGULAR,
-    STEEP_JOINT,
-    DynamicControl,
-    is_bounded,
-)
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.inverse import solve_rows, symmetric_modes
-from eulerparams_control.laws.inverse_dynamics import (
-    INFINITE,
-    NUMBERS,
-    RATE,
-    commanded,
-    resolve_acceleration,
-)
 from eulerparams_control.laws.limits import without_accelerations
 from eulerparams_control.laws.scheme import JointCommand, LoopGain, Tick
 from eulerparams_control.motion.frames import DesiredFrame, read_frame

@@ -32,19 +32,19 @@ from eulerparams_control.laws._old.compiled import (
     layout,
     slot,
 )
+from eulerparams_control.laws._old.dynamic_control import (
+    DynamicControl,
+    EffortLimits,
+    ResolvedAcceleration,
+)
+from eulerparams_control.laws._old.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws._old.orientation import Lyapunov
 from eulerparams_control.laws._old.orientation.base import Coordinates, entry_of
 from eulerparams_control.laws._old.rotations import angle_between, exp
 from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFrame
 from eulerparams_control.laws.contact_watch import ContactWatch, Oscillation, observe
-from eulerparams_control.laws.dynamic_control import (
-    DynamicControl,
-    EffortLimits,
-    ResolvedAcceleration,
-)
 from eulerparams_control.laws.force_control import ForceControl, ForceOptions
 from eulerparams_control.laws.impedance_matrices import Impedance
-from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.scheme import Bounds, JointCommand, LoopGain, Scheme, Tick
 from eulerparams_control.laws.wrench import (

@@ -110,6 +110,10 @@ class JointLimits:
         """Return by how much the velocities (n,) are beyond their limits; 1 if they are not."""
         return excess(self.rows, dq)
 
+    def excess_after(self, dq: Array, ddq: Array) -> float:
+        """Return ``excess`` of the velocities to which ddq (n,) leads from dq (n,)."""
+        return excess(self.rows, dq + ddq / _SPEED_RATE)
+
     def limit_velocity(
         self, q: Array, dq: Array, dt: float, before: Array | None = None
     ) -> tuple[Array, bool]:

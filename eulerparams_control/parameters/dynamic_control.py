@@ -13,11 +13,8 @@ class DynamicParameters(ResolvedParameters, scheme="dynamic_control"):
 
     def make_scheme(self, robot: Robot) -> DynamicControl:
         """Return dynamic control for a robot."""
-        bounds = self.effort_limits(robot)
-        return DynamicControl(robot, self.law(), self.dynamics(robot), bounds)
+        return DynamicControl(robot, self)
 
     def change_scheme(self, scheme: DynamicControl) -> None:
         """Let a running scheme go over to these parameters; raises ConfigurationError."""
-        robot = scheme.robot
-        bounds = self.effort_limits(robot)
-        scheme.replace_law(self.law(), self.dynamics(robot), bounds)
+        scheme.change(self)

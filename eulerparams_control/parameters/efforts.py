@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.dynamic_control import EffortLimits, ResolvedAcceleration
+from eulerparams_control.laws._old.dynamic_control import EffortLimits, ResolvedAcceleration
+from eulerparams_control.laws._old.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.friction import JointFriction
 from eulerparams_control.laws.impedance_matrices import symmetric_matrix
-from eulerparams_control.laws.inverse_dynamics import InverseDynamics
+from eulerparams_control.laws.rotations import Array
 from eulerparams_control.parameters.common import ControlParameters, each_joint
 from eulerparams_control.parameters.fields import other_default, parameter
 from eulerparams_control.robot.robot import Robot, Tool
@@ -23,10 +24,10 @@ class EffortParameters(ControlParameters):
     )
     max_latency: float = other_default(ControlParameters, "max_latency", 0.03)
     k_posture: float = parameter(
-        InverseDynamics.k_posture, "gain of the posture", unit="1/s^2", bounds=(0.0, 1e5), live=True
+        10.0, "gain of the posture", unit="1/s^2", bounds=(0.0, 1e5), live=True
     )
     k_null: float = parameter(
-        InverseDynamics.k_null,
+        10.0,
         "damping of motions that do not move the tip",
         unit="1/s",
         bounds=(0.0, 1e3),
@@ -70,22 +71,27 @@ class EffortParameters(ControlParameters):
         require_size("gravity", self.gravity, 3)
         return Robot(urdf, self.base_frame, self.tip_frame, self.joints, self.gravity, self.tool())
 
+    def friction_of(self, robot: Robot) -> JointFriction | None:
+        """Return the friction that is compensated, or None; raises ConfigurationError."""
+        viscous, coulomb = self.friction_viscous, self.friction_coulomb
+        friction = JointFriction(
+            each_joint("friction_viscous", viscous, robot) if viscous else robot.friction.viscous,
+            each_joint("friction_coulomb", coulomb, robot) if coulomb else robot.friction.coulomb,
+        )
+        return friction if self.compensate_friction else None
+
+    def effort_rate(self, robot: Robot) -> Array:
+        """Return the rates (n,) [Nm/s] at which efforts may change; raises ConfigurationError."""
+        rate = self.max_effort_rate
+        return each_joint("max_effort_rate", rate, robot) if rate else robot.limits.effort_rate
+
     def dynamics(self, robot: Robot) -> InverseDynamics:
         """Return the inverse dynamics of a robot with these parameters."""
-        friction = JointFriction(
-            *(
-                each_joint(name, given, robot) if given else stated
-                for name, given, stated in (
-                    ("friction_viscous", self.friction_viscous, robot.friction.viscous),
-                    ("friction_coulomb", self.friction_coulomb, robot.friction.coulomb),
-                )
-            )
-        )
         return InverseDynamics(
             self.inverse(robot),
             self.compensate_gravity,
             self.compensate_coriolis,
-            friction if self.compensate_friction else None,
+            self.friction_of(robot),
             self.posture_of(robot),
             self.k_posture,
             self.k_null,
@@ -93,8 +99,7 @@ class EffortParameters(ControlParameters):
 
     def effort_limits(self, robot: Robot) -> EffortLimits:
         """Return what bounds the efforts; raises ConfigurationError."""
-        given = self.max_effort_rate
-        rate = each_joint("max_effort_rate", given, robot) if given else robot.limits.effort_rate
+        rate = self.effort_rate(robot)
         return EffortLimits(
             self.limits(robot),
             rate,
@@ -140,18 +145,10 @@ class EffortParameters(ControlParameters):
 class ResolvedParameters(EffortParameters):
     """Parameters of every scheme that resolves accelerations, section IV."""
 
-    k_Pp: float = parameter(
-        ResolvedAcceleration.k_Pp, "position gain", unit="1/s^2", bounds=(0.0, 1e6), live=True
-    )
-    k_Vp: float = parameter(
-        ResolvedAcceleration.k_Vp, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True
-    )
-    k_Po: float = parameter(
-        ResolvedAcceleration.k_Po, "orientation gain", unit="1/s^2", bounds=(0.0, 1e6), live=True
-    )
-    k_Vo: float = parameter(
-        ResolvedAcceleration.k_Vo, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True
-    )
+    k_Pp: float = parameter(400.0, "position gain", unit="1/s^2", bounds=(0.0, 1e6), live=True)
+    k_Vp: float = parameter(40.0, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True)
+    k_Po: float = parameter(800.0, "orientation gain", unit="1/s^2", bounds=(0.0, 1e6), live=True)
+    k_Vo: float = parameter(40.0, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True)
 
     def law(self) -> ResolvedAcceleration:
         """Return the law with these parameters."""

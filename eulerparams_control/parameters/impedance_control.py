@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, RobotError
+from eulerparams_control.laws._old.dynamic_control import DynamicControl
 from eulerparams_control.laws.compliance_bounds import ComplianceBounds
 from eulerparams_control.laws.compliant_frame import TRANSLATIONAL_FRAMES, ComplianceLaw
 from eulerparams_control.laws.contact_bound import damping_for, stiffest_contact
-from eulerparams_control.laws.dynamic_control import DynamicControl
 from eulerparams_control.laws.force_control import ForceOptions
 from eulerparams_control.laws.impedance_control import (
     ImpedanceControl,

@@ -14,7 +14,7 @@ from numpy.random import Generator
 from eulerparams_control.errors import SingularityError
 from eulerparams_control.lab.experiments.library import Result
 from eulerparams_control.lab.experiments.library._map import COLUMNS, Column, Map, random_axis
-from eulerparams_control.laws.dynamic_control import ResolvedAcceleration
+from eulerparams_control.laws._old.dynamic_control import ResolvedAcceleration
 from eulerparams_control.laws.rotations import Array, angle_between, exp
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.robot import RobotState
