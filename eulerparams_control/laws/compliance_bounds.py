@@ -8,36 +8,12 @@ continuous.
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws._old.compiled import formula
-from eulerparams_control.laws._old.linear import Vec, VecLike, norm
-from eulerparams_control.laws._old.rotations import exp, log
+from eulerparams_control.laws.jit import b1, f8, jit, new_vector, types, vector
 from eulerparams_control.laws.limits import POSITION_RATE
+from eulerparams_control.laws.rotations import Array, dot, exp, log, norm
 from eulerparams_control.motion.frames import DesiredFrame
-
-
-class Most(NamedTuple):
-    """The bounds as the formulas take them; infinite where there is none."""
-
-    position: float
-    rotation: float
-    speed: float
-
-
-class BoundedVelocity(NamedTuple):
-    """A velocity v (3,) within its bounds, and whether it is less than was asked for."""
-
-    v: VecLike
-    is_less: bool
-
-
-class Bounded(NamedTuple):
-    """A compliant frame within the bounds, and whether it had to change."""
-
-    frame: DesiredFrame
-    has_changed: bool
 
 
 @dataclass(frozen=True)
@@ -62,58 +38,58 @@ class ComplianceBounds:
             if not getattr(self, name) > 0:
                 raise ConfigurationError(f"{name} is {getattr(self, name)}; expected > 0")
 
-    @property
-    def values(self) -> Most:
-        """The bounds as the formulas take them."""
+    def bounded(
+        self,
+        frame: DesiredFrame,
+        desired: DesiredFrame,
+        before: DesiredFrame,
+        desired_before: DesiredFrame,
+        dt: float,
+    ) -> tuple[DesiredFrame, bool]:
+        """Return the compliant frame within the bounds, and whether it had to change.
+
+        Args:
+            frame: the compliant frame as the impedance has it now.
+            desired: the desired frame now.
+            before, desired_before: both dt ago.
+            dt: positive [s].
+        """
+        p_c, R_c, dp_c, omega_c, ddp_c, domega_c = frame
         rotation = self.rotation if self.rotation < math.pi else math.inf
-        return Most(self.position, rotation, self.speed)
+        v_0, omega_0 = before.dp_d - desired_before.dp_d, before.omega_d - desired_before.omega_d
+        x, v = p_c - desired.p_d, dp_c - desired.dp_d
+        v, is_slower = _bounded(x, v, v_0, self.position, self.speed, dt)
+        if is_slower:
+            dp_c = desired.dp_d + v
+            p_c = before.p_d + (dt / 2.0) * (before.dp_d + dp_c)
+            ddp_c = (dp_c - before.dp_d) / dt
+        x, omega = log(R_c @ desired.R_d.T), omega_c - desired.omega_d
+        omega, turns_slower = _bounded(x, omega, omega_0, rotation, self.speed, dt)
+        if turns_slower:
+            omega_c = desired.omega_d + omega
+            R_c = exp((dt / 2.0) * (before.omega_d + omega_c)) @ before.R_d
+            domega_c = (omega_c - before.omega_d) / dt
+        if not (is_slower or turns_slower):
+            return frame, False
+        return DesiredFrame(p_c, R_c, dp_c, omega_c, ddp_c, domega_c), True
 
 
-@formula
-def bounded(
-    frame: DesiredFrame, desired: DesiredFrame, before: DesiredFrame, v_p: Vec, v_o: Vec,
-    most: Most, dt: float,
-) -> Bounded:  # fmt: skip
-    """Return the compliant frame within the bounds.
-
-    Args:
-        frame: the compliant frame as the impedance has it now.
-        desired: the desired frame now.
-        before: the compliant frame dt ago.
-        v_p, v_o: of the compliant relative to the desired frame, dt ago.
-        most: the bounds.
-        dt: positive [s].
-    """
-    p_c, R_c, dp_c, omega_c, ddp_c, domega_c = frame
-    linear = kept(p_c - desired.p_d, dp_c - desired.dp_d, v_p, most.position, most.speed, dt)
-    if linear.is_less:
-        dp_c = desired.dp_d + linear.v
-        p_c = before.p_d + (dt / 2.0) * (before.dp_d + dp_c)
-        ddp_c = (dp_c - before.dp_d) / dt
-    x = log(R_c @ desired.R_d.T)
-    angular = kept(x, omega_c - desired.omega_d, v_o, most.rotation, most.speed, dt)
-    if angular.is_less:
-        omega_c = desired.omega_d + angular.v
-        R_c = exp((dt / 2.0) * (before.omega_d + omega_c)) @ before.R_d
-        domega_c = (omega_c - before.omega_d) / dt
-    kept_frame = DesiredFrame(p_c, R_c, dp_c, omega_c, ddp_c, domega_c)
-    return Bounded(kept_frame, linear.is_less or angular.is_less)
-
-
-@formula
-def kept(x: Vec, v: Vec, v_before: Vec, most: float, speed: float, dt: float) -> BoundedVelocity:
-    """Return the velocity v within the bounds at the displacement x."""
+@jit(types.Tuple((new_vector, b1))(vector, vector, vector, f8, f8, f8))
+def _bounded(
+    x: Array, v: Array, v_before: Array, most: float, speed: float, dt: float
+) -> tuple[Array, bool]:
+    """Return the velocity v within the bounds at the displacement x, and whether it is less."""
     rate = min(POSITION_RATE, 1.0 / dt)
     slower = rate * speed * dt  # by no more, where a bound was lowered
     size, distance = norm(v), norm(x)
     fastest = max(speed, norm(v_before) - slower)
-    is_less = size > fastest
+    is_less, v = size > fastest, 1.0 * v
     if is_less:
         v = (fastest / size) * v
     if distance > 0.0:
         away = x / distance
-        allowed = max(rate * (most - distance), max(-speed, v_before @ away - slower))
-        excess = v @ away - allowed
+        allowed = max(rate * (most - distance), max(-speed, dot(v_before, away) - slower))
+        excess = dot(v, away) - allowed
         if excess > 0.0:
             v, is_less = v - excess * away, True
-    return BoundedVelocity(v, is_less)
+    return v, is_less

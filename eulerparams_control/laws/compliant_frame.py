@@ -6,44 +6,19 @@ between its samples.
 
 Notation: ``x`` (3,) [m] translational displacement in the frame chosen, ``y`` the rotational
 state of the representation, ``f, mu`` [N, Nm] wrench of the environment on the end effector,
-about the origin of the frames; base frame if not said otherwise.
+about the origin of the frames; base frame if not said otherwise.  ``z`` = (x, dx, y) is driven by
+``v`` = (f, u), u that of the representation.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cache
-from typing import NamedTuple
+from enum import IntEnum
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
-from eulerparams_control.laws._old.compiled import (
-    Array,
-    Input,
-    Row,
-    entry,
-    formula,
-    kernel,
-    layout,
-    slot,
-    template,
-    to_rows,
-)
-from eulerparams_control.laws._old.linear import (
-    MatLike,
-    Vec,
-    VecLike,
-    cross,
-    identity,
-    put_vec,
-    row,
-)
-from eulerparams_control.laws._old.matrices import Matrices
-from eulerparams_control.laws._old.orientation import OrientationRepresentation, as_formulas
-from eulerparams_control.laws._old.orientation.base import Coordinates
-from eulerparams_control.laws._old.rotations import exp
-from eulerparams_control.laws.compliance_bounds import ComplianceBounds, Most, bounded
+from eulerparams_control.laws.compliance_bounds import ComplianceBounds
 from eulerparams_control.laws.impedance_change import (
     CHANGE_TIME,
     DONE,
@@ -53,15 +28,11 @@ from eulerparams_control.laws.impedance_change import (
     impedance_between,
     kinetic,
 )
-from eulerparams_control.laws.impedance_matrices import Impedance
-from eulerparams_control.motion.frames import (
-    AT_ORIGIN,
-    DesiredFrame,
-    Placement,
-    moved,
-    put_frame,
-    read_frame,
-)
+from eulerparams_control.laws.impedance_matrices import Impedance, Matrices
+from eulerparams_control.laws.jit import f8, jit, types, vector
+from eulerparams_control.laws.orientation import OrientationRepresentation
+from eulerparams_control.laws.rotations import Array, cross, exp, log
+from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement
 from eulerparams_control.motion.motion_limits import MotionLimits
 
 TRANSLATIONAL_FRAMES = ("base", "desired")
@@ -86,62 +57,26 @@ _EMPTY = 0.01
 # Deviation from its extrapolated motion [m, rad; m/s, rad/s] from which a desired frame has jumped.
 _JUMP, _VELOCITY_JUMP = 1e-5, 1e-2
 
-# What is known at a step: nothing, the compliant frame, the desired frame too, and the state.
-_NOTHING, _FRAME, _FRAMES, _STATE = range(4)
-
-# What a step finds.
-_NOT_FINITE, _SINGULAR = 1, 2
-
-begin = drive = rate = normalised = end = spring = slot  # of a representation
-read_y = put_y = read_u = put_u = rates = integrate = driven = energy = slot  # that follow
-y_width = 0
+_NONE = np.zeros(3)
 
 
-class LawNumbers(NamedTuple):
-    """A law in numbers."""
+def impedance_rates(
+    z: Array, v: Array, orientation: OrientationRepresentation, Z_p: Matrices, Z_o: Matrices
+) -> Array:
+    """Return dz of the impedance equations (52), (55) or (59).
 
-    options: Coordinates
-    translation: Matrices
-    rotation: Matrices  # in the coordinates of the representation
-    in_base: bool
-    rate: float
-    most: Most
-
-
-class _Change(NamedTuple):
-    """A change of the law under way: that of before, and the dips of K_p and K_o."""
-
-    translation: Matrices
-    rotation: Matrices
-    rate: float
-    dip_p: MatLike
-    dip_o: MatLike
-
-
-class _Tank(NamedTuple):
-    """How far the change is, the energy [J] that is left for it, and the most there can be."""
-
-    s: float
-    energy: float
-    most: float
-
-
-class _Memory(NamedTuple):
-    """What is known of the last step; its state z = (x, dx, y) and input v = (f, u) lie behind."""
-
-    known: int
-    is_felt: bool
-    f: VecLike
-    mu: VecLike
-    now: DesiredFrame
-    desired: DesiredFrame
-
-
-_width, _read_memory, _put_memory = layout(_Memory)[:3]
-_NOW, _DESIRED = slice(_width - 48, _width - 24), slice(_width - 24, _width)
-_read_law, _put_law = layout(LawNumbers)[1:3]
-_read_vec, _read_change = layout(Vec).read, layout(_Change).read
-_read_tank, _put_tank = layout(_Tank).read, layout(_Tank).put
+    Args:
+        z: (x, dx, y), the displacement of the compliant from the desired frame.
+        v: (f, u), the contact, in the axes of x and as the representation takes it.
+        orientation: (55) with Euler angles, (59) with Euler parameters, or another.
+        Z_p: M_p^-1, D_p, K_p.
+        Z_o: M_o^-1, D_o, K_o in the coordinates of the representation.
+    """
+    x, dx, y = z[:3], z[3:6], z[6:]
+    f, u = v[:3], v[3:]
+    ddx = Z_p.M_inverse @ (f - Z_p.D @ dx - Z_p.K @ x)  # (52)
+    dy = orientation.rate(y, u, Z_o)  # (55), (59)
+    return np.concatenate((dx, ddx, dy))
 
 
 @dataclass(frozen=True)
@@ -154,6 +89,7 @@ class ComplianceLaw:
         rotation: M_o, D_o, K_o.
         frame: whose axes M_p, D_p and K_p refer to, "base" or "desired".
         bounds: of the displacement and its speed.
+        Z_p, Z_o: the matrices, the rotational ones in the coordinates of the representation.
 
     Raises:
         ConfigurationError: if the impedance is too fast, or has no form in the representation.
@@ -164,26 +100,20 @@ class ComplianceLaw:
     rotation: Impedance
     frame: str = "base"
     bounds: ComplianceBounds = field(default_factory=ComplianceBounds)
+    Z_p: Matrices = field(init=False, repr=False, compare=False)
+    Z_o: Matrices = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "orientation", as_formulas(self.orientation))
         if self.frame not in TRANSLATIONAL_FRAMES:
             raise UnknownNameError("translational_frame", self.frame, TRANSLATIONAL_FRAMES)
-        Z_o = self.orientation.impedance(self.rotation)
+        object.__setattr__(self, "Z_p", self.translation.values)
+        object.__setattr__(self, "Z_o", self.orientation.impedance(self.rotation).values)
         for name, Z in (("_p", self.translation), ("_o", self.rotation)):
             if Z.rate > MAX_RATE:
                 raise ConfigurationError(
                     f"M{name} is too small for D{name} or K{name}: the impedance moves at "
                     f"{Z.rate:.4g} 1/s; at most {MAX_RATE:g} 1/s is possible: raise M{name}"
                 )
-        options, in_base = self.orientation.options.values, self.frame == "base"
-        matrices = self.translation.values, Z_o.values
-        numbers = LawNumbers(options, *matrices, in_base, self.rate, self.bounds.values)
-        object.__setattr__(self, "numbers", to_rows(LawNumbers, numbers))
-        object.__setattr__(self, "step", _step_of(type(self.orientation)))
-
-    numbers: Array = field(init=False, repr=False, compare=False)
-    step: Callable[..., int] = field(init=False, repr=False, compare=False)
 
     def damped(self, times: float) -> "ComplianceLaw":
         """Return the law with so many times its damping; raises ConfigurationError."""
@@ -200,223 +130,21 @@ class ComplianceLaw:
         """The largest rate [1/s] of both impedances."""
         return max(self.translation.rate, self.rotation.rate)
 
-
-# --- the equations -------------------------------------------------------------------------
-
-
-def _rates(z: Input, v: Input, numbers: Input, dz: Row) -> None:
-    """Fill dz, the rates of z driven by v."""
-    law = _read_law(numbers, 0)
-    Z, x, dx = law.translation, _read_vec(z, 0), _read_vec(z, 3)
-    put_vec(dz, 0, dx)
-    put_vec(dz, 3, Z.M_inverse @ (_read_vec(v, 0) - Z.D @ dx - Z.K @ x))  # eq. (52)
-    put_y(dz, 6, rate(read_y(z, 6), read_u(v, 3), law.rotation, law.options))  # eqs. (55), (59)
+    def is_like(self, other: "ComplianceLaw") -> bool:
+        """Whether both have the same equations, numbers and bounds."""
+        matrices = zip((*self.Z_p, *self.Z_o), (*other.Z_p, *other.Z_o), strict=True)
+        rest = (self.orientation, self.frame, self.bounds)
+        is_same = rest == (other.orientation, other.frame, other.bounds)
+        return is_same and all(np.array_equal(one, another) for one, another in matrices)
 
 
-def _integrate(z: Row, v_0: Input, v_1: Input, dt: float, numbers: Input) -> None:
-    """Move z by dt [s] with steps of order 4 (Runge, Kutta), v going linearly from v_0 to v_1."""
-    n = max(1, math.ceil(_read_law(numbers, 0).rate * dt / _STEP))
-    h, between, v = dt / n, np.empty(len(z)), np.empty(len(v_0))
-    dz, total = np.zeros(len(z)), np.empty(len(z))
-    for i in range(n):
-        total[:] = 0.0
-        for stage in range(4):
-            share = 0.5 * ((stage + 1) // 2)  # of the step: 0, 1/2, 1/2, 1
-            for j in range(len(v)):
-                v[j] = v_0[j] + (i + share) / n * (v_1[j] - v_0[j])
-            for j in range(len(z)):
-                between[j] = z[j] + share * h * dz[j]
-            rates(between, v, numbers, dz)
-            for j in range(len(z)):
-                total[j] += dz[j] if stage % 3 == 0 else 2.0 * dz[j]
-        for j in range(len(z)):
-            z[j] += h / 6.0 * total[j]
-        put_y(z, 6, normalised(read_y(z, 6)))
+class _Known(IntEnum):
+    """What is known of the last step."""
 
-
-def _driven(frame: DesiredFrame, f: Vec, mu: Vec, before: Input, numbers: Input, v: Row) -> None:
-    """Fill the input v of a desired frame and a wrench; ``before`` is that of the last step."""
-    law = _read_law(numbers, 0)
-    put_vec(v, 0, f if law.in_base else frame.R_d.T @ f)
-    put_u(v, 3, drive(frame.R_d, mu, read_u(before, 3), law.options))
-
-
-@kernel
-def _square(z: Input) -> float:
-    """Return z' z."""
-    square = 0.0
-    for value in z:
-        square += value * value
-    return square
-
-
-@formula
-def _jumped(before: DesiredFrame, now: DesiredFrame, dt: float) -> bool:
-    """Return whether the desired frame is not where, or as fast as, its motion led."""
-    half, bend = dt / 2.0, dt * dt / 12.0  # the trapezoidal rule with its first correction
-    p = before.p_d + half * (before.dp_d + now.dp_d) - bend * (now.ddp_d - before.ddp_d)
-    turn = half * (before.omega_d + now.omega_d) - bend * (now.domega_d - before.domega_d)
-    dv = now.dp_d - before.dp_d - half * (before.ddp_d + now.ddp_d)
-    domega = now.omega_d - before.omega_d - half * (before.domega_d + now.domega_d)
-    dR = now.R_d - exp(turn) @ before.R_d
-    turned = max(_largest(row(dR, 0)), max(_largest(row(dR, 1)), _largest(row(dR, 2))))
-    jump, velocity_jump = max(_largest(now.p_d - p), turned), max(_largest(dv), _largest(domega))
-    return not (jump <= _JUMP and velocity_jump <= _VELOCITY_JUMP)
-
-
-@formula
-def _largest(v: Vec) -> float:
-    """Return the largest magnitude of the elements."""
-    return max(abs(v.x), max(abs(v.y), abs(v.z)))
-
-
-def _step(
-    desired_row: Input, dt: float, wrench: Input, memory: Row, numbers: Input, frame: Row
-) -> int:
-    """Fill the compliant frame (24,) of a step; return what it finds, and then keep the memory."""
-    law, known = _read_law(numbers, 0), _read_memory(memory, 0)
-    desired = read_frame(desired_row, 0)
-    put_frame(frame, 0, desired)
-    if not math.isfinite(_square(frame) + 0.0 * _square(wrench)):
-        return _NOT_FINITE
-    behind = _width + 6 + y_width
-    z, v_0, v_1 = memory[_width:behind].copy(), memory[behind:].copy(), memory[behind:].copy()
-    start, before, begins = known.now, known.desired, known.known != _STATE
-    if known.known == _NOTHING:
-        start, before = desired, desired
-    elif known.known == _FRAME or _jumped(before, desired, dt):
-        before, begins = moved(desired, -dt), True  # as if it had come from there
-    R, omega, domega = identity(1.0), Vec(0.0, 0.0, 0.0), Vec(0.0, 0.0, 0.0)
-    f, mu = _read_vec(wrench, 0), _read_vec(wrench, 3)
-    if begins:
-        if not law.in_base:
-            R, omega = before.R_d, before.omega_d
-        x = start.p_d - before.p_d
-        put_vec(z, 0, R.T @ x)
-        put_vec(z, 3, R.T @ (start.dp_d - before.dp_d - cross(omega, x)))
-        put_y(z, 6, begin(before.R_d, before.omega_d, start.R_d, start.omega_d, law.options))
-        v_0[:] = 0.0
-        if known.is_felt:
-            driven(before, known.f, known.mu, v_0, numbers, v_0)
-        else:
-            driven(before, f, mu, v_0, numbers, v_0)
-    if math.isnan(_square(z)):
-        return _SINGULAR
-    driven(desired, f, mu, v_0, numbers, v_1)
-    if dt > 0.0:
-        integrate(z, v_0, v_1, dt, numbers)
-        if not math.isfinite(_square(z)):
-            return _NOT_FINITE
-    dz = np.empty(len(z))
-    rates(z, v_1, numbers, dz)
-    if not law.in_base:
-        R, omega, domega = desired.R_d, desired.omega_d, desired.domega_d
-    x, dx, ddx = R @ _read_vec(z, 0), R @ _read_vec(z, 3), R @ _read_vec(dz, 3)
-    turning, y, dy = cross(omega, x), read_y(z, 6), read_y(dz, 6)
-    rotation = end(
-        y, dy, read_u(v_1, 3), desired.R_d, desired.omega_d, desired.domega_d, law.options
-    )
-    now = DesiredFrame(
-        desired.p_d + x,
-        rotation.R_c,
-        desired.dp_d + dx + turning,
-        rotation.omega_c,
-        desired.ddp_d + ddx + cross(domega, x) + cross(omega, turning + 2.0 * dx),
-        rotation.domega_c,
-    )
-    put_frame(frame, 0, now)
-    if math.isnan(_square(frame)):
-        return _SINGULAR
-    has_state = _STATE
-    if dt > 0.0:
-        v_p, v_o = start.dp_d - before.dp_d, start.omega_d - before.omega_d
-        now, is_less = bounded(now, desired, start, v_p, v_o, law.most, dt)
-        if is_less:
-            has_state = _FRAMES
-            put_frame(frame, 0, now)
-            if not math.isfinite(_square(frame)):
-                return _NOT_FINITE
-    _put_memory(memory, 0, _Memory(has_state, True, f, mu, now, desired))
-    memory[_width:behind], memory[behind:] = z, v_1
-    return 0
-
-
-def _energy(memory: Input, Z_p: Matrices, Z_o: Matrices, law: LawNumbers, y: Row) -> float:
-    """Return the energy [J] of the displacement as it is, (IC4); fill y (y_width,)."""
-    known = _read_memory(memory, 0)
-    now, desired = known.now, known.desired
-    x, dx = now.p_d - desired.p_d, now.dp_d - desired.dp_d
-    if not law.in_base:
-        R = desired.R_d
-        x, dx = R.T @ x, R.T @ (dx - cross(desired.omega_d, x))
-    put_y(y, 0, begin(desired.R_d, desired.omega_d, now.R_d, now.omega_d, law.options))
-    put_vec(y, y_width, dx)
-    moving = kinetic(Z_p, dx) + kinetic(Z_o, _read_vec(y, y_width - 3))
-    return moving + elastic(Z_p, x) + spring(desired.R_d, now.R_d, Z_o.K, law.options).energy
-
-
-def _go_on(
-    memory: Input, change: Input, numbers: Input, dt: float, tank: Row, changed: Row
-) -> None:
-    """Fill the numbers of a law on the way to those that are given, dt [s] after the last."""
-    law, way, of = _read_law(numbers, 0), _read_change(change, 0), _read_tank(tank, 0)
-    s, left, y = of.s, of.energy, np.zeros(y_width + 3)
-    if _read_memory(memory, 0).known > _FRAME:  # else the displacement is not known
-        Z_p = between(s, way.translation, law.translation, way.dip_p)
-        Z_o = between(s, way.rotation, law.rotation, way.dip_o)
-        before = energy(memory, Z_p, Z_o, law, y)
-        dx, dy = _read_vec(y, y_width), _read_vec(y, y_width - 3)
-        left = min(of.most, left + dt * (dx @ (Z_p.D @ dx) + dy @ (Z_o.D @ dy)))
-        s = 1.0 - (1.0 - s) * math.exp(-dt / CHANGE_TIME)  # (IC1)
-        s = s if s < 1.0 - DONE else 1.0
-        for _ in range(2):  # all of it, or as much as there is energy for
-            Z_p = between(s, way.translation, law.translation, way.dip_p)
-            Z_o = between(s, way.rotation, law.rotation, way.dip_o)
-            more = energy(memory, Z_p, Z_o, law, y) - before
-            if more > left:
-                s = of.s + max(0.0, _CAUTION * left / more) * (s - of.s)
-        if not more <= left:  # or it is not finite
-            s, more = of.s, 0.0
-        left = min(of.most, left - more)  # (IC5)
-    _put_tank(tank, 0, _Tank(s, left, of.most))
-    Z_p = between(s, way.translation, law.translation, way.dip_p)
-    Z_o = between(s, way.rotation, law.rotation, way.dip_o)
-    rate = max(law.rate, way.rate)
-    now = LawNumbers(law.options, Z_p, Z_o, law.in_base, rate, law.most)
-    _put_law(changed, 0, now)
-
-
-@cache
-def _go_on_of(kind: type[OrientationRepresentation]) -> Callable[..., None]:
-    """Return how the law of a representation goes over to another."""
-    y, name = layout(kind.compliance.begin.result), kind.identifier()
-    slots = {"begin": kind.compliance.begin, "spring": kind.spring, "y_width": y.width}
-    slots["put_y"] = y.put
-    slots["energy"] = kernel(template(_energy, f"{name}_energy", **slots))
-    return entry(template(_go_on, f"{name}_go_on", **slots))
-
-
-@cache
-def _step_of(kind: type[OrientationRepresentation]) -> Callable[..., int]:
-    """Return the step of a representation."""
-    slots, name = kind.compliance._asdict(), kind.identifier()
-    y, u = layout(kind.compliance.begin.result), layout(kind.compliance.drive.result)
-    slots |= {"read_y": y.read, "put_y": y.put, "read_u": u.read, "put_u": u.put}
-    slots |= {"y_width": y.width}
-    for made, function in (("rates", _rates), ("integrate", _integrate), ("driven", _driven)):
-        slots[made] = kernel(template(function, f"{name}_{made}", **slots))
-    return entry(template(_step, f"{name}_step", **slots))
-
-
-@entry
-def _freeze(before: Input, dt: float, T: float, frame: Row) -> None:
-    """Fill the frame (24,) that comes to rest with the time constant T [s], dt [s] later."""
-    p, R, dp, omega, _, _ = read_frame(before, 0)
-    left = math.exp(-dt / T)
-    gone = T * (1.0 - left)  # the way [s] of a velocity that decays
-    rates = left * dp, left * omega
-    a, alpha = (-1.0 / T) * rates[0], (-1.0 / T) * rates[1]
-    put_frame(frame, 0, DesiredFrame(p + gone * dp, exp(gone * omega) @ R, *rates, a, alpha))
+    NOTHING = 0
+    FRAME = 1  # the compliant frame
+    FRAMES = 2  # and the desired frame
+    STATE = 3  # and z
 
 
 class CompliantFrame:
@@ -427,62 +155,46 @@ class CompliantFrame:
         tank: the energy [J] that changes of the impedance may add, beside what the damping takes.
 
     Attributes:
-        row: (24,) the compliant frame of the last step; None before the first.
+        law: the equations; those that a change leads to while one is under way.
+        changed: how far a change of the impedance is, s from 0 to 1.
+        energy_left: the energy [J] that is left for changes of the impedance.
+        now: the compliant frame of the last step; None before the first.
     """
 
     def __init__(self, law: ComplianceLaw, tank: float = math.inf) -> None:
-        self._law = self._before = law
-        self._tank = to_rows(_Tank, _Tank(1.0, tank, tank))
-        self._change, self._changed = np.zeros(layout(_Change).width), law.numbers.copy()
+        self.law = self._before = law
+        self._dips, self._most_energy = (np.zeros((3, 3)), np.zeros((3, 3))), tank
         self.reset()
-
-    @property
-    def now(self) -> DesiredFrame | None:
-        """The compliant frame of the last step; None before the first."""
-        return None if self.row is None else DesiredFrame.of(self.row)
-
-    @property
-    def law(self) -> ComplianceLaw:
-        """The equations; those that a change leads to while one is under way."""
-        return self._law
 
     @property
     def law_now(self) -> ComplianceLaw:
         """The equations of now."""
-        s, before, law = self.changed, self._before, self._law
+        s, before, law = self.changed, self._before, self.law
         if s == 1.0:
             return law
         translation = impedance_between(before.translation, law.translation, s)
-        return replace(law, translation=translation, rotation=impedance_between(
-            before.rotation, law.rotation, s))  # fmt: skip
-
-    @property
-    def changed(self) -> float:
-        """How far a change of the impedance is, s from 0 to 1."""
-        return self._tank.item(0)
-
-    @property
-    def energy_left(self) -> float:
-        """The energy [J] that is left for changes of the impedance."""
-        return self._tank.item(1)
+        rotation = impedance_between(before.rotation, law.rotation, s)
+        return replace(law, translation=translation, rotation=rotation)
 
     @property
     def waits(self) -> bool:
         """Whether a change of the impedance waits for energy."""
-        s, left, most = self._tank.tolist()
-        return s < 1.0 and left <= _EMPTY * most
+        return self.changed < 1.0 and self.energy_left <= _EMPTY * self._most_energy
 
     def limit_energy(self, tank: float) -> None:
         """Bound the energy [J] of changes from now on; what is there stays, as far as it fits."""
-        self._tank[1:] = min(self._tank[1], tank) if tank < self._tank[2] else self._tank[1], tank
+        if tank < self._most_energy:
+            self.energy_left = min(self.energy_left, tank)
+        self._most_energy = tank
 
     def reset(self) -> None:
         """Forget the state; a change is done, and its tank full."""
-        self._tank[:2] = 1.0, self._tank[2]
-        self.row: Array | None = None
-        kinds = self._law.orientation.compliance
-        widths = (layout(of.result).width for of in (kinds.begin, kinds.drive))
-        self._memory = np.zeros(_width + 6 + 3 + sum(widths))
+        self.changed, self.energy_left = 1.0, self._most_energy
+        self.now: DesiredFrame | None = None
+        self._desired: DesiredFrame | None = None
+        self._known = _Known.NOTHING
+        self._wrench: Array | None = None  # of the last step
+        self._z, self._v = np.zeros(0), np.zeros(0)
 
     def replace_law(
         self, law: ComplianceLaw, moved: tuple[Placement, Placement] = (AT_ORIGIN, AT_ORIGIN)
@@ -493,12 +205,13 @@ class CompliantFrame:
             law: the equations.
             moved: placements by which the centre of compliance moves, one after the other.
         """
-        now, felt, left = self.now, self._memory[1 : _NOW.start], self._tank[1]
-        self._law = law
+        now, wrench, left = self.now, self._wrench, self.energy_left
+        self.law = law
         self.reset()
-        self._memory[1 : _NOW.start], self._tank[1] = felt, left
+        self._wrench, self.energy_left = wrench, left
         if now is not None:  # the state is recomputed from the frames
-            self._set(_FRAME, now.carrying(moved[0]).carrying(moved[1]).row)
+            self.now = now.carrying(moved[0]).carrying(moved[1])
+            self._known = _Known.FRAME
 
     def change_impedance(self, law: ComplianceLaw) -> None:
         """Go over to another impedance, smoothly, and as far as there is energy for it.
@@ -507,24 +220,17 @@ class CompliantFrame:
             law: with the same representation and translational frame.
         """
         before = self.law_now
-        Z_p, Z_o, to = before.translation, before.rotation, before.orientation
-        if self.row is None or np.array_equal(before.numbers, law.numbers):
+        if self.now is None or before.is_like(law):
             self.replace_law(law)
             return
-        dip_o = replace(Z_o, K=dip_of(Z_o.K, law.rotation.K))
-        matrices = Z_p.values, to.impedance(Z_o).values
-        dips = dip_of(Z_p.K, law.translation.K), to.impedance(dip_o).K
-        self._change = to_rows(_Change, _Change(*matrices, before.rate, *dips))
-        self._law, self._before, self._tank[0] = law, before, 0.0
+        dip_o = dip_of(before.rotation.K, law.rotation.K)
+        in_coordinates = law.orientation.impedance(replace(before.rotation, K=dip_o)).K
+        self._dips = dip_of(before.translation.K, law.translation.K), in_coordinates
+        self.law, self._before, self.changed = law, before, 0.0
 
     def begin(self, desired: DesiredFrame, frame: DesiredFrame) -> None:
         """Set the compliant frame and its velocities."""
-        self._memory[_DESIRED] = desired.row
-        self._set(_FRAMES, frame.row)
-
-    def _set(self, known: int, row: Array) -> None:
-        self.row, self._memory[0] = row, known
-        self._memory[_NOW] = row
+        self.now, self._desired, self._known = frame, desired, _Known.FRAMES
 
     def stop_time(self, motion: MotionLimits | None) -> float:
         """Return the time constant [s] with which it comes to rest now.
@@ -545,27 +251,28 @@ class CompliantFrame:
             actual: its first pose, if it has none yet.
             T: time constant [s].
         """
-        if self.row is None:
-            self._set(_FRAME, actual.at_rest().row)
-        row = np.empty(24)
-        _freeze(self._memory[_NOW], dt, T, row)
-        now = DesiredFrame.of(row)
-        self._memory[1] = False
-        self._set(_FRAME, row)  # the next step begins from here
-        return now
+        p, R, dp, omega, _, _ = actual.at_rest() if self.now is None else self.now
+        left = math.exp(-dt / T)
+        gone = T * (1.0 - left)  # the way [s] of a velocity that decays
+        v, w = left * dp, left * omega
+        R_c = exp(gone * omega) @ R
+        self.now = DesiredFrame(p + gone * dp, R_c, v, w, (-1.0 / T) * v, (-1.0 / T) * w)
+        self._wrench, self._known = None, _Known.FRAME  # the next step begins from here
+        return self.now
 
     def rearrange(self) -> None:
         """Go on from the same frame and velocities: what drives it means something else now."""
-        if self.row is not None:
-            self._memory[1] = False
-            self._set(_FRAMES, self.row)
+        self._wrench = None
+        if self.now is not None:
+            self._known = _Known.FRAME if self._desired is None else _Known.FRAMES
 
     def step(
         self,
         dt: float,
         desired: DesiredFrame,
         wrench: Array,
-        along: Callable[[Array], Array] | None = None,
+        freed: Callable[[Matrices], Matrices] | None = None,
+        rate: float = 0.0,
     ) -> DesiredFrame:
         """Return the compliant frame dt [s] after the last, with velocities and accelerations.
 
@@ -573,33 +280,177 @@ class CompliantFrame:
             dt: 0 or more.
             desired: the desired frame now.
             wrench: (6,) f, mu now, base frame.
-            along: what becomes of the :class:`LawNumbers` in a row; None: nothing.
+            freed: what becomes of M_p^-1, D_p, K_p; None: nothing.
+            rate: [1/s] of what they become then.
 
         Raises:
             SingularityError: if the representation has no finite answer.
         """
-        return DesiredFrame.of(self.step_row(dt, desired.row, wrench, along))
-
-    def step_row(
-        self,
-        dt: float,
-        desired: Array,
-        wrench: Array,
-        along: Callable[[Array], Array] | None = None,
-    ) -> Array:
-        """Return the same as a row (24,), for a desired frame in one; see :meth:`step`."""
-        row = np.empty(24)
-        numbers = self._law.numbers
-        s, left, most = self._tank.tolist()
-        if s < 1.0 or left < most:
-            go_on = _go_on_of(type(self._law.orientation))
-            go_on(self._memory, self._change, numbers, dt, self._tank, self._changed)
-            numbers = self._changed
-        numbers = along(numbers) if along else numbers
-        found = self._law.step(desired, dt, wrench, self._memory, numbers, row)
-        if found == _SINGULAR:
-            raise SingularityError(self._law.orientation.singularity)
-        if found:
+        if not math.isfinite(_square(*desired, wrench)):
             raise SingularityError("the motion of the compliant frame is not finite")
-        self.row = row
-        return row
+        start, before, begins = self._origin(dt, desired)
+        Z_p, Z_o, own_rate = self._matrices(dt)
+        if freed is not None:
+            Z_p, own_rate = freed(Z_p), max(own_rate, rate)
+        z, v_0 = self._z, self._v
+        if begins:
+            z = self._relative(before, start)
+            v_0 = self._driven(before, wrench if self._wrench is None else self._wrench, None)
+        if math.isnan(z @ z):
+            raise SingularityError(self.law.orientation.singularity)
+        v_1 = self._driven(desired, wrench, v_0)
+        if dt > 0.0:
+            z = self._integrated(z, v_0, v_1, dt, Z_p, Z_o, own_rate)
+        now = self._absolute(z, v_1, desired, Z_p, Z_o)
+        known = _Known.STATE
+        if dt > 0.0:
+            now, is_less = self.law.bounds.bounded(now, desired, start, before, dt)
+            if is_less:
+                known = _Known.FRAMES
+                if not math.isfinite(_square(*now, wrench)):
+                    raise SingularityError("the motion of the compliant frame is not finite")
+        self._z, self._v, self._wrench = z, v_1, wrench
+        self.now, self._desired, self._known = now, desired, known
+        return now
+
+    def _origin(self, dt: float, desired: DesiredFrame) -> tuple[DesiredFrame, DesiredFrame, bool]:
+        """Return the compliant and the desired frame dt [s] ago, and whether z is not known."""
+        if self.now is None:
+            return desired, desired, True
+        before, begins = self._desired, self._known is not _Known.STATE
+        if before is None or self._known is _Known.FRAME or _jumped(before, desired, dt):
+            return self.now, desired.moved(-dt), True  # as if it had come from there
+        return self.now, before, begins
+
+    def _relative(self, desired: DesiredFrame, frame: DesiredFrame) -> Array:
+        """Return z of a compliant frame."""
+        x = frame.p_d - desired.p_d
+        dx = frame.dp_d - desired.dp_d
+        if self.law.frame != "base":
+            R = desired.R_d
+            x, dx = R.T @ x, R.T @ (dx - cross(desired.omega_d, x))
+        y = self.law.orientation.begin(desired.R_d, desired.omega_d, frame.R_d, frame.omega_d)
+        return np.concatenate((x, dx, y))
+
+    def _driven(self, desired: DesiredFrame, wrench: Array, before: Array | None) -> Array:
+        """Return v of a wrench; ``before`` is that of the last step."""
+        f, mu, u = wrench[:3], wrench[3:], None if before is None else before[3:]
+        if self.law.frame != "base":
+            f = desired.R_d.T @ f
+        return np.concatenate((f, self.law.orientation.drive(desired.R_d, mu, u)))
+
+    def _integrated(
+        self, z: Array, v_0: Array, v_1: Array, dt: float, Z_p: Matrices, Z_o: Matrices, rate: float
+    ) -> Array:
+        """Return z dt [s] later by steps of order 4 (Runge, Kutta), v going from v_0 to v_1."""
+        orientation = self.law.orientation
+        n = max(1, math.ceil(rate * dt / _STEP))
+        h, dv = dt / n, (v_1 - v_0) / n
+        for i in range(n):
+            v = v_0 + i * dv
+            middle, end = v + 0.5 * dv, v + dv
+            k_1 = impedance_rates(z, v, orientation, Z_p, Z_o)
+            k_2 = impedance_rates(z + (0.5 * h) * k_1, middle, orientation, Z_p, Z_o)
+            k_3 = impedance_rates(z + (0.5 * h) * k_2, middle, orientation, Z_p, Z_o)
+            k_4 = impedance_rates(z + h * k_3, end, orientation, Z_p, Z_o)
+            z = z + (h / 6.0) * (k_1 + 2.0 * (k_2 + k_3) + k_4)
+            z[6:] = orientation.normalised(z[6:])
+        if not math.isfinite(z @ z):
+            raise SingularityError("the motion of the compliant frame is not finite")
+        return z
+
+    def _absolute(
+        self, z: Array, v: Array, desired: DesiredFrame, Z_p: Matrices, Z_o: Matrices
+    ) -> DesiredFrame:
+        """Return the compliant frame of z driven by v: what :meth:`_relative` began with."""
+        p_d, R_d, dp_d, omega_d, ddp_d, domega_d = desired
+        dz = impedance_rates(z, v, self.law.orientation, Z_p, Z_o)
+        rotation = self.law.orientation.end(z[6:], dz[6:], v[3:], R_d, omega_d, domega_d)
+        x, dx, ddx = z[:3], z[3:6], dz[3:6]
+        if self.law.frame != "base":  # components in a frame that turns
+            x, dx, ddx = R_d @ x, R_d @ dx, R_d @ ddx
+            turning = cross(omega_d, x)
+            ddx = ddx + cross(domega_d, x) + cross(omega_d, turning + 2.0 * dx)
+            dx = dx + turning
+        R_c, omega_c, domega_c = rotation
+        now = DesiredFrame(p_d + x, R_c, dp_d + dx, omega_c, ddp_d + ddx, domega_c)
+        if math.isnan(_square(*now, v)):
+            raise SingularityError(self.law.orientation.singularity)
+        return now
+
+    # --- changes of the impedance -------------------------------------------------------------
+
+    def _matrices(self, dt: float) -> tuple[Matrices, Matrices, float]:
+        """Return Z_p, Z_o and their rate [1/s], dt [s] after the last step."""
+        law = self.law
+        if self.changed == 1.0 and self.energy_left >= self._most_energy:
+            return law.Z_p, law.Z_o, law.rate
+        if self._known > _Known.FRAME:  # else the displacement is not known
+            self._go_on(dt)
+        Z_p, Z_o = self._changed_to(self.changed)
+        return Z_p, Z_o, max(law.rate, self._before.rate)
+
+    def _changed_to(self, s: float) -> tuple[Matrices, Matrices]:
+        """Return the matrices of a change that is at s."""
+        before, law = self._before, self.law
+        Z_p = between(s, before.Z_p, law.Z_p, self._dips[0])
+        return Z_p, between(s, before.Z_o, law.Z_o, self._dips[1])
+
+    def _go_on(self, dt: float) -> None:
+        """Let the change go on by dt [s], as far as there is energy for it, (IC1), (IC5)."""
+        assert self.now is not None
+        assert self._desired is not None
+        z, s_0 = self._relative(self._desired, self.now), self.changed
+        Z_p, Z_o = self._changed_to(s_0)
+        energy = self._energy(z, Z_p, Z_o)
+        dx, dy = z[3:6], z[-3:]
+        taken = dt * float(dx @ Z_p.D @ dx + dy @ Z_o.D @ dy)
+        left = min(self._most_energy, self.energy_left + taken)
+        s = 1.0 - (1.0 - s_0) * math.exp(-dt / CHANGE_TIME)  # (IC1)
+        s = s if s < 1.0 - DONE else 1.0
+        more = self._energy(z, *self._changed_to(s)) - energy
+        if more > left:  # as much as there is energy for
+            s = s_0 + max(0.0, _CAUTION * left / more) * (s - s_0)
+            more = self._energy(z, *self._changed_to(s)) - energy
+        if not more <= left:  # or it is not finite
+            s, more = s_0, 0.0
+        self.changed, self.energy_left = s, min(self._most_energy, left - more)  # (IC5)
+
+    def _energy(self, z: Array, Z_p: Matrices, Z_o: Matrices) -> float:
+        """Return the energy [J] of the displacement z of the last step, (IC4)."""
+        assert self.now is not None
+        assert self._desired is not None
+        spring = self.law.orientation.spring(self._desired.R_d, self.now.R_d, Z_o.K)
+        moving = kinetic(Z_p, z[3:6]) + kinetic(Z_o, z[-3:])
+        return moving + elastic(Z_p, z[:3]) + spring.energy
+
+
+@jit(types.UniTuple(f8, 2)(vector, vector, vector, vector, vector, f8))
+def _mismatch(
+    d: Array, v_0: Array, a_0: Array, v_1: Array, a_1: Array, dt: float
+) -> tuple[float, float]:
+    """Return by how much a way d (3,), and a change of velocity, are not those of the motion.
+
+    That is by the trapezoidal rule with its first correction.
+    """
+    half, bend, way, change = dt / 2.0, dt * dt / 12.0, 0.0, 0.0
+    for i in range(3):
+        led = half * (v_0[i] + v_1[i]) - bend * (a_1[i] - a_0[i])
+        way = max(way, abs(d[i] - led))
+        change = max(change, abs(v_1[i] - v_0[i] - half * (a_0[i] + a_1[i])))
+    return way, change
+
+
+def _jumped(before: DesiredFrame, now: DesiredFrame, dt: float) -> bool:
+    """Return whether the desired frame is not where, or as fast as, its motion led."""
+    p_0, R_0, dp_0, omega_0, ddp_0, domega_0 = before
+    p_1, R_1, dp_1, omega_1, ddp_1, domega_1 = now
+    way, dv = _mismatch(p_1 - p_0, dp_0, ddp_0, dp_1, ddp_1, dt)
+    turn, domega = _mismatch(log(R_1 @ R_0.T), omega_0, domega_0, omega_1, domega_1, dt)
+    return not (max(way, turn) <= _JUMP and max(dv, domega) <= _VELOCITY_JUMP)
+
+
+def _square(*arrays: Array) -> float:
+    """Return the sum of all squares: finite if all is, and NaN if anything is."""
+    flat = np.concatenate(arrays, axis=None)
+    return float(flat @ flat)

@@ -22,10 +22,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from eulerparams_control.laws._old.compiled import Array, formula
-from eulerparams_control.laws._old.linear import Mat, Vec, inverse
-from eulerparams_control.laws._old.matrices import Matrices
-from eulerparams_control.laws.impedance_matrices import Impedance, square_root
+from eulerparams_control.laws.impedance_matrices import Impedance, Matrices, square_root
+from eulerparams_control.laws.rotations import Array, inverse
 
 CHANGE_TIME = 0.05
 """T [s]: a change is 95 % done after three times that."""
@@ -40,6 +38,15 @@ def dip_of(K_0: Array, K_1: Array) -> Array:
     return root @ root
 
 
+def between(s: float, Z_0: Matrices, Z_1: Matrices, dip: Array) -> Matrices:
+    """Return M^-1, D, K on the way, (IC2), (IC3)."""
+    return Matrices(
+        (1.0 - s) * Z_0.M_inverse + s * Z_1.M_inverse,
+        (1.0 - s) * Z_0.D + s * Z_1.D,
+        (1.0 - s) * Z_0.K + s * Z_1.K - s * (1.0 - s) * dip,
+    )
+
+
 def impedance_between(Z_0: Impedance, Z_1: Impedance, s: float) -> Impedance:
     """Return the impedance on the way from one to another, (IC2), (IC3)."""
     dip = dip_of(Z_0.K, Z_1.K)
@@ -49,21 +56,11 @@ def impedance_between(Z_0: Impedance, Z_1: Impedance, s: float) -> Impedance:
     return replace(Z_1, M=(M + M.T) / 2, D=D, K=(K + K.T) / 2)
 
 
-@formula
-def between(s: float, Z_0: Matrices, Z_1: Matrices, dip: Mat) -> Matrices:
-    """Return M^-1, D, K on the way, (IC2), (IC3)."""
-    K = (1.0 - s) * Z_0.K + s * Z_1.K - (s * (1.0 - s)) * dip
-    M_inverse = (1.0 - s) * Z_0.M_inverse + s * Z_1.M_inverse
-    return Matrices(M_inverse, (1.0 - s) * Z_0.D + s * Z_1.D, K)
-
-
-@formula
-def kinetic(Z: Matrices, v: Vec) -> float:
+def kinetic(Z: Matrices, v: Array) -> float:
     """Return v' M v / 2 [J]."""
-    return (v @ (inverse(Z.M_inverse) @ v)) / 2.0
+    return float(v @ inverse(Z.M_inverse) @ v) / 2.0
 
 
-@formula
-def elastic(Z: Matrices, x: Vec) -> float:
+def elastic(Z: Matrices, x: Array) -> float:
     """Return x' K x / 2 [J]."""
-    return (x @ (Z.K @ x)) / 2.0
+    return float(x @ Z.K @ x) / 2.0

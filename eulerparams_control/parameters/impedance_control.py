@@ -7,17 +7,11 @@ from typing import Any
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, RobotError
-from eulerparams_control.laws._old.dynamic_control import DynamicControl
 from eulerparams_control.laws.compliance_bounds import ComplianceBounds
 from eulerparams_control.laws.compliant_frame import TRANSLATIONAL_FRAMES, ComplianceLaw
 from eulerparams_control.laws.contact_bound import damping_for, stiffest_contact
 from eulerparams_control.laws.force_control import ForceOptions
-from eulerparams_control.laws.impedance_control import (
-    ImpedanceControl,
-    ImpedanceLaw,
-    MotionLoop,
-    NoMotionLoop,
-)
+from eulerparams_control.laws.impedance_control import ImpedanceControl
 from eulerparams_control.laws.impedance_matrices import Impedance, impedance_of
 from eulerparams_control.laws.wrench import WrenchChain, WrenchOptions
 from eulerparams_control.motion.frames import Placement
@@ -267,9 +261,9 @@ class ImpedanceParameters(
             self.wrench_cutoff,
         )
 
-    def impedance_law(self, robot: Robot) -> ImpedanceLaw:
-        """Return all that the impedance is made of; raises ConfigurationError."""
-        compliance = ComplianceLaw(
+    def compliance_law(self, robot: Robot) -> ComplianceLaw:
+        """Return the impedance equations for a robot; raises ConfigurationError."""
+        law = ComplianceLaw(
             self.representation(),
             self.translation(),
             self.rotation(),
@@ -280,24 +274,11 @@ class ImpedanceParameters(
                 self.max_compliant_speed,
             ),
         )
-        self._refuse_late(compliance.translation)
-        options = self.wrench_options(robot)
-        if options.tool is not None:
-            self._refuse_tool(options.tool, compliance)
-        return ImpedanceLaw(
-            compliance,
-            options,
-            self.centre(robot),
-            self.inner_loop,
-            self.max_contact_force,
-            self.max_contact_torque,
-            self.max_jump_position,
-            self.max_jump_rotation,
-            self.max_ripple_force,
-            self.max_ripple_torque,
-            self.stiffness_energy,
-            self.force_options(compliance),
-        )
+        self._refuse_late(law.translation)
+        tool = self.wrench_options(robot).tool
+        if tool is not None:
+            self._refuse_tool(tool, law)
+        return law
 
     def force_options(self, compliance: ComplianceLaw) -> ForceOptions:
         """Return how a force is exerted; raises ConfigurationError."""
@@ -323,16 +304,11 @@ class ImpedanceParameters(
             robot: the arm.
             chain: that makes the contact of what is sensed; None: a new one.
         """
-        bounds = self.effort_limits(robot)
-        motion: MotionLoop = NoMotionLoop(robot, bounds)
-        if self.commands_joints:
-            motion = DynamicControl(robot, self.law(), self.dynamics(robot), bounds)
-        return ImpedanceControl(motion, self.impedance_law(robot), chain)
+        return ImpedanceControl(robot, self, chain)
 
     def change_scheme(self, scheme: ImpedanceControl) -> None:
         """Let a running scheme go over to these parameters; raises ConfigurationError."""
-        robot, bounds = scheme.robot, self.effort_limits(scheme.robot)
-        scheme.replace_law(self.impedance_law(robot), self.law(), self.dynamics(robot), bounds)
+        scheme.change(self)
 
     def _refuse_late(self, Z: Impedance) -> None:
         """Raise ConfigurationError for a servo that is too late for the contact expected, (CB2)."""

@@ -95,7 +95,7 @@ class ImpedanceControlNode(ControlNode):
         self._leaders.refuse_overtaken("target_stiffness", msg)
         wanted = replace(p, K_p=tuple(K_p.tolist()), K_o=tuple(K_o.tolist()))
         try:
-            compliance = wanted.impedance_law(robot).compliance
+            compliance = wanted.compliance_law(robot)
         except ConfigurationError as error:
             raise InvalidMessageError(str(error)) from error
         self._target = TargetStiffness(p, wanted)
@@ -217,10 +217,10 @@ class ImpedanceControlNode(ControlNode):
         why, scheme = self._sensor.trouble, controller.scheme
         assert isinstance(scheme, ImpedanceControl)
         if stamp is not None:
-            self._impedance.show(stamp, scheme.compliance_now)
+            self._impedance.show(stamp, scheme.compliant.law_now)
         if not why.note and scheme.damping > 1.0:
             why = calmed(scheme.damping)
-        elif not why.note and scheme.waits:
+        elif not why.note and scheme.compliant.waits:
             why = STIFFNESS_WAITS
         elif not why.note and scheme.is_at_its_end:
             why = AT_ITS_END
@@ -278,7 +278,7 @@ class ImpedanceControlNode(ControlNode):
         if tick.command.frame is None or not isinstance(scheme, ImpedanceControl):
             return None
         centre = tick.command.frame.carrying(self._params.centre(scheme.robot))
-        return scheme.compliance_now.stiffness(tick.desired.R_d), centre.p_d
+        return scheme.compliant.law_now.stiffness(tick.desired.R_d), centre.p_d
 
     def values_of(self, tick: Tick) -> dict[str, str | int | float]:
         """Return what /diagnostics shows of a tick."""
@@ -293,8 +293,8 @@ class ImpedanceControlNode(ControlNode):
             "contact force [N]": force,
             "contact moment [Nm]": moment,
             "energy given to the contact [J]": scheme.contact.energy,
-            "energy left for stiffness [J]": scheme.energy_left,
-            "change of the impedance": scheme.changed,
+            "energy left for stiffness [J]": scheme.compliant.energy_left,
+            "change of the impedance": scheme.compliant.changed,
             "force exerted [N]": _text(scheme.force.wanted) if scheme.force.is_on else "none asked",
             "stiffness of the contact [N/m]": _text(scheme.force.stiffness),
             "displacement [m]": distance,

@@ -133,7 +133,7 @@ def _force(msg: Any, scheme: Scheme, q: Array, R_d: Array) -> Array:
     if frame == robot.base_frame:
         f = robot.state(q, np.zeros_like(q)).R_e.T @ f
     if isinstance(scheme, ImpedanceControl):
-        return _regulated(scheme, scheme.law.centre.R.T @ f)
+        return _regulated(scheme, scheme.centre.R.T @ f)
     assert isinstance(scheme, ComplianceControl)
     try:
         scheme.law.refuse_force(R_d @ f, R_d)
@@ -144,18 +144,20 @@ def _force(msg: Any, scheme: Scheme, q: Array, R_d: Array) -> Array:
 
 def _regulated(scheme: ImpedanceControl, f: Array) -> Array:
     """Return a force (3,) [N] along the axes of the compliance, of which some are force axes."""
-    law, size = scheme.law, float(np.linalg.norm(f))
-    if not law.inner_loop:
+    parameters, options = scheme.parameters, scheme.force.options
+    size = float(np.linalg.norm(f))
+    if not parameters.inner_loop:
         raise InvalidMessageError("target_wrench needs the motion loop: set inner_loop: true")
-    on = law.force.are_on
+    on = options.are_on
     if np.linalg.norm((1.0 - on) * f) > _ACROSS * size:
         raise InvalidMessageError(
             f"target_wrench is {f.tolist()} N along x, y, z of the compliance; expected a force "
-            f"along force_axes {list(law.force.axes)}"
+            f"along force_axes {list(options.axes)}"
         )
-    if size > law.max_force:
+    most = parameters.max_contact_force
+    if size > most:
         raise InvalidMessageError(
-            f"target_wrench is {size:.3g} N; at most max_contact_force {law.max_force:g} N"
+            f"target_wrench is {size:.3g} N; at most max_contact_force {most:g} N"
         )
     exerted: Array = on * f
     return exerted

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eulerparams_control.laws.jit import f8, jit, matrix, new_vector, vector
 from eulerparams_control.laws.orientation.relative_quaternion import (
     RelativeQuaternionRepresentation,
 )
@@ -16,6 +17,8 @@ from eulerparams_control.laws.rotations import (
     mutual_R,
     outer,
     solve,
+    turn,
+    turn_back,
 )
 
 _I = np.eye(3)
@@ -39,6 +42,16 @@ def L_of(Q: Array) -> Array:
     """Return (tr(Q) I - Q') / 2, linear in Q."""
     L: Array = 0.5 * ((Q[0, 0] + Q[1, 1] + Q[2, 2]) * _I - Q.T)
     return L
+
+
+@jit(new_vector(f8, vector, matrix))
+def elastic_moment(eta: float, eps: Array, K_o: Array) -> Array:
+    """Return Omega' K_o o with o = 2 eta eps, do = Omega x.
+
+    Omega = eta^2 I - eps eps' - eta S(eps): that of f = sin(theta), without its 0 / 0.
+    """
+    Omega = eta * eta * np.eye(3) - outer(eps, eps) - eta * S(eps)
+    return turn_back(Omega, turn(K_o, 2.0 * eta * eps))
 
 
 class AngleAxisRepresentation(RelativeQuaternionRepresentation):
@@ -80,14 +93,8 @@ class AngleAxisRepresentation(RelativeQuaternionRepresentation):
         return self.finite(solve(L, bracket))
 
     def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
-        """Return Omega' K_o o with o = 2 eta eps, do = Omega x (refs. [9], [10]).
-
-        Omega = eta^2 I - eps eps' - eta S(eps): that of f = sin(theta), without its 0 / 0.
-        """
-        eta, eps = Q_cd
-        Omega = eta * eta * _I - outer(eps, eps) - eta * S(eps)
-        moment: Array = Omega.T @ (K_o @ (2.0 * eta * eps))
-        return moment
+        """Return that of sin(theta) r, refs. [9], [10]."""
+        return elastic_moment(Q_cd.eta, Q_cd.eps, K_o)
 
     def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
         """Return o' K_o o / 2 with o = 2 eta eps."""

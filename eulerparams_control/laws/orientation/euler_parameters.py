@@ -3,11 +3,12 @@
 import math
 from typing import NamedTuple
 
+from eulerparams_control.laws.jit import f8, jit, matrix, new_vector, vector
 from eulerparams_control.laws.orientation.base import Lyapunov
 from eulerparams_control.laws.orientation.relative_quaternion import (
     RelativeQuaternionRepresentation,
 )
-from eulerparams_control.laws.rotations import Array, EulerParameters, cross
+from eulerparams_control.laws.rotations import Array, EulerParameters, cross, turn
 
 
 class QuaternionDisplacement(NamedTuple):
@@ -20,6 +21,13 @@ class QuaternionDisplacement(NamedTuple):
 
     Q_de: EulerParameters
     error: Array
+
+
+@jit(new_vector(f8, vector, matrix))
+def elastic_moment(eta: float, eps: Array, K_o: Array) -> Array:
+    """Return K_o' eps = 2 E' K_o eps = 2 (eta K_o eps + S(eps) K_o eps), eqs. (60), (66)."""
+    K_eps = turn(K_o, eps)
+    return 2.0 * (eta * K_eps + cross(eps, K_eps))
 
 
 class EulerParametersRepresentation(RelativeQuaternionRepresentation):
@@ -37,10 +45,8 @@ class EulerParametersRepresentation(RelativeQuaternionRepresentation):
         return QuaternionDisplacement(Q_de, R_e @ Q_de.eps)
 
     def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
-        """Return K_o' eps = 2 E' K_o eps = 2 (eta K_o eps + S(eps) K_o eps), eqs. (60), (66)."""
-        K_eps = K_o @ Q_cd.eps
-        moment: Array = 2.0 * (Q_cd.eta * K_eps + cross(Q_cd.eps, K_eps))
-        return moment
+        """Return K_o' eps of (60), (66)."""
+        return elastic_moment(Q_cd.eta, Q_cd.eps, K_o)
 
     def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
         """Return 2 eps' K_o eps, of eq. (68)."""

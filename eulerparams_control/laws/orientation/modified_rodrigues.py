@@ -4,17 +4,34 @@ import math
 
 import numpy as np
 
+from eulerparams_control.laws.jit import jit, matrix, new_vector, vector
 from eulerparams_control.laws.orientation.euler_parameters import QuaternionDisplacement
 from eulerparams_control.laws.orientation.relative_quaternion import (
     RelativeQuaternionRepresentation,
     short,
 )
-from eulerparams_control.laws.rotations import Array, EulerParameters, S, angle_between, outer
+from eulerparams_control.laws.rotations import (
+    Array,
+    EulerParameters,
+    S,
+    angle_between,
+    dot,
+    outer,
+    turn,
+    turn_back,
+)
 
 
 def modified(Q: EulerParameters) -> Array:
     """Return s = eps / (1 + eta) = tan(theta / 4) r, theta in [0, 2 pi); NaN at 360 deg."""
     return Q.eps / (1.0 + Q.eta) if Q.eta != -1.0 else np.full(3, np.nan)
+
+
+@jit(new_vector(vector, matrix))
+def elastic_moment(s: Array, K_o: Array) -> Array:
+    """Return Omega' K_o o with o = 4 s, do = Omega x, Omega = (1 - s's) I - 2 S(s) + 2 s s'."""
+    Omega = (1.0 - dot(s, s)) * np.eye(3) - 2.0 * S(s) + 2.0 * outer(s, s)
+    return turn_back(Omega, turn(K_o, 4.0 * s))
 
 
 class ModifiedRodriguesRepresentation(RelativeQuaternionRepresentation):
@@ -34,11 +51,8 @@ class ModifiedRodriguesRepresentation(RelativeQuaternionRepresentation):
         return QuaternionDisplacement(Q_de, 4.0 * (R_e @ modified(Q_de)))
 
     def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
-        """Return Omega' K_o o with o = 4 s, do = Omega x, Omega = (1 - s's) I - 2 S(s) + 2 s s'."""
-        s = modified(short(Q_cd))
-        Omega = (1.0 - s @ s) * np.eye(3) - 2.0 * S(s) + 2.0 * outer(s, s)
-        moment: Array = Omega.T @ (K_o @ (4.0 * s))
-        return moment
+        """Return that of 4 tan(theta / 4) r, theta at most pi."""
+        return elastic_moment(modified(short(Q_cd)), K_o)
 
     def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
         """Return o' K_o o / 2 with o = 4 s."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from eulerparams_control.laws.impedance_matrices import Impedance, Matrices
+from eulerparams_control.laws.jit import jit, matrix, new_vector, vector
 from eulerparams_control.laws.orientation.base import (
     CompliantRotation,
     Lyapunov,
@@ -24,10 +25,12 @@ from eulerparams_control.laws.rotations import (
     Array,
     EulerParameters,
     cross,
-    matrix,
+    dot,
     mutual_R,
     quaternion,
+    turn,
 )
+from eulerparams_control.laws.rotations import matrix as R_of
 
 # Number of angles, up to half a turn, that are tried for the largest moment.
 _ANGLES = 181
@@ -70,13 +73,8 @@ class RelativeQuaternionRepresentation(OrientationRepresentation):
 
     def rate(self, y: Array, mu_d: Array, Z: Matrices) -> Array:
         """Return dy: (17) and dx = M_o^-1 (mu^d - D_o x - mu_E), eqs. (59), (60)."""
-        eta, eps, x = y.item(0), y[1:4], y[4:]
-        mu_E = self.elastic_moment(EulerParameters(eta, eps), Z.K)
-        dy = np.empty(7)
-        dy[0] = -0.5 * (eps @ x)  # eq. (16)
-        dy[1:4] = 0.5 * (eta * x - cross(eps, x))  # eq. (17)
-        dy[4:] = Z.M_inverse @ (mu_d - Z.D @ x - mu_E)  # eq. (59)
-        return dy
+        mu_E = self.elastic_moment(EulerParameters(y.item(0), y[1:4]), Z.K)
+        return _rate(y, mu_d - mu_E, Z.M_inverse, Z.D)
 
     def normalised(self, y: Array) -> Array:
         """Return y with a unit quaternion."""
@@ -93,7 +91,7 @@ class RelativeQuaternionRepresentation(OrientationRepresentation):
         """
         omega_c = omega_d + R_d @ y[4:]
         domega_c = domega_d + R_d @ dy[4:] + cross(omega_d, omega_c)
-        return CompliantRotation(R_d @ matrix(y[0], y[1:4]), omega_c, domega_c)
+        return CompliantRotation(R_d @ R_of(y[0], y[1:4]), omega_c, domega_c)
 
     def spring(self, R_d: Array, R_e: Array, K_o: Array) -> RotationalSpring:
         """Return the spring of (62), (66) between a desired frame and another."""
@@ -116,6 +114,17 @@ class RelativeQuaternionRepresentation(OrientationRepresentation):
         """
         energy = self.elastic_energy(quaternion(R_cd), Z.K)
         return Lyapunov(float(x @ Z.M @ x) / 2 + energy, float(mu_d @ x - x @ Z.D @ x))
+
+
+@jit(new_vector(vector, vector, matrix, matrix))
+def _rate(y: Array, mu: Array, M_inverse: Array, D: Array) -> Array:
+    """Return dy where the moment mu (3,) [Nm] acts besides the damping."""
+    eta, eps, x = y[0], y[1:4], y[4:]
+    dy = np.empty(7)
+    dy[0] = -0.5 * dot(eps, x)  # eq. (16)
+    dy[1:4] = 0.5 * (eta * x - cross(eps, x))  # eq. (17)
+    dy[4:] = turn(M_inverse, mu - turn(D, x))  # eq. (59)
+    return dy
 
 
 def short(Q: EulerParameters) -> EulerParameters:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eulerparams_control.laws.jit import jit, matrix, new_vector, vector
 from eulerparams_control.laws.orientation.relative_quaternion import (
     RelativeQuaternionRepresentation,
 )
@@ -15,6 +16,8 @@ from eulerparams_control.laws.rotations import (
     angle_between,
     mutual_R,
     outer,
+    turn,
+    turn_back,
 )
 
 
@@ -33,6 +36,13 @@ def gibbs(Q: EulerParameters) -> Array:
     return Q.eps / Q.eta if Q.eta != 0.0 else np.full(3, np.nan)
 
 
+@jit(new_vector(vector, matrix))
+def elastic_moment(g: Array, K_o: Array) -> Array:
+    """Return Omega' K_o o with o = 2 g, do = Omega x, Omega = I - S(g) + g g'."""
+    Omega = np.eye(3) - S(g) + outer(g, g)
+    return turn_back(Omega, turn(K_o, 2.0 * g))
+
+
 class RodriguesRepresentation(RelativeQuaternionRepresentation):
     """The orientation error is 2 tan(theta / 2) r: it grows without bound towards 180 deg."""
 
@@ -46,11 +56,8 @@ class RodriguesRepresentation(RelativeQuaternionRepresentation):
         return RodriguesDisplacement(2.0 * (R_e @ gibbs(mutual_R(R_e, R_d))))
 
     def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
-        """Return Omega' K_o o with o = 2 g, do = Omega x, Omega = I - S(g) + g g'."""
-        g = gibbs(Q_cd)
-        Omega = np.eye(3) - S(g) + outer(g, g)
-        moment: Array = Omega.T @ (K_o @ (2.0 * g))
-        return moment
+        """Return that of 2 tan(theta / 2) r."""
+        return elastic_moment(gibbs(Q_cd), K_o)
 
     def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
         """Return o' K_o o / 2 with o = 2 g."""

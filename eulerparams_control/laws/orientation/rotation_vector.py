@@ -2,6 +2,7 @@
 
 import math
 
+from eulerparams_control.laws.jit import f8, jit, matrix, new_vector, vector
 from eulerparams_control.laws.orientation.euler_parameters import QuaternionDisplacement
 from eulerparams_control.laws.orientation.relative_quaternion import (
     RelativeQuaternionRepresentation,
@@ -14,7 +15,15 @@ from eulerparams_control.laws.rotations import (
     right_jacobian,
     rotation_vector,
     solve,
+    turn,
 )
+
+
+@jit(new_vector(f8, vector, matrix))
+def elastic_moment(eta: float, eps: Array, K_o: Array) -> Array:
+    """Return Omega' K_o o with o = theta r, do = Omega x; Omega is the inverse of J_r(-o)."""
+    o = rotation_vector(eta, eps)
+    return solve(right_jacobian(-o).T, turn(K_o, o))
 
 
 class RotationVectorRepresentation(RelativeQuaternionRepresentation):
@@ -35,10 +44,8 @@ class RotationVectorRepresentation(RelativeQuaternionRepresentation):
         return QuaternionDisplacement(Q_de, R_e @ rotation_vector(*Q_de))
 
     def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
-        """Return Omega' K_o o with o = theta r, do = Omega x; Omega is the inverse of J_r(-o)."""
-        o = rotation_vector(*short(Q_cd))
-        moment: Array = solve(right_jacobian(-o).T, K_o @ o)
-        return moment
+        """Return that of theta r, theta at most pi."""
+        return elastic_moment(*short(Q_cd), K_o)
 
     def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
         """Return o' K_o o / 2 with o = theta r."""
