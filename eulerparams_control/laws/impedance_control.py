@@ -23,6 +23,17 @@ from eulerparams_control.errors import (
     OverloadError,
 )
 from eulerparams_control.laws._old.blend import Blend, blend, kept
+from eulerparams_control.laws._old.chain import (
+    TIP,
+    WORK,
+    arm_state,
+    arm_width,
+    chain_of_robot,
+    dJ_dq,
+    jacobian_in,
+    put_arm,
+    read_tip,
+)
 from eulerparams_control.laws._old.compiled import (
     NONE,
     Array,
@@ -62,16 +73,7 @@ from eulerparams_control.motion.frames import (
     carried_row,
     read_frame,
 )
-from eulerparams_control.robot.chain import (
-    TIP,
-    WORK,
-    arm_width,
-    dJ_dq,
-    jacobian_in,
-    put_arm,
-    read_tip,
-)
-from eulerparams_control.robot.robot import Robot, RobotState
+from eulerparams_control.robot.robot import Robot
 
 # Time [s] in which the wrench goes over to one that is made otherwise, or lost, or found again.
 _BLEND_TIME = 0.1
@@ -137,7 +139,7 @@ class NoMotionLoop:
         self, dt: float, row: Array, desired: Array, h: Array
     ) -> tuple[Array | None, bool, float]:
         """Return no efforts; raises FollowingError if the arm does not follow."""
-        self.limits.refuse_error(DesiredFrame.of(desired), RobotState.of(row, self.robot.n))
+        self.limits.refuse_error(DesiredFrame.of(desired), arm_state(row, self.robot.n))
         return None, False, 1.0
 
     def replace_law(
@@ -561,7 +563,7 @@ class ImpedanceControl(Scheme):
             robot.refuse_size(q, dq)
         w_s = NONE if self._sensed is None else self._sensed.w
         found = law.sense(
-            robot.chain, q, dq, motion.work, row, desired, before, w_s, self._sensor_row,
+            chain_of_robot(robot), q, dq, motion.work, row, desired, before, w_s, self._sensor_row,
             law.numbers, chain.memory, self._dq, self._blend.row, self._fade.row,
             self.force.swing, contact.state, dt, sensed,
         )  # fmt: skip
@@ -583,7 +585,7 @@ class ImpedanceControl(Scheme):
         self._x_de = sensed[12:]
         x_de = law.compliance.orientation.rows.unpack(self._x_de)
         felt = None if self.is_frozen else w
-        return Tick(command, frame, RobotState.of(row, n), x_de, saturated, excess, felt)
+        return Tick(command, frame, arm_state(row, n), x_de, saturated, excess, felt)
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return V_3 and its derivative, eqs. (68), (69), of the rotation of the centre."""
@@ -637,7 +639,7 @@ class ImpedanceControl(Scheme):
 
     def _ahead(self, row: Array) -> Array:
         """Return by what (6,) the contact is to change until the next tick, about the tip."""
-        R_e = RobotState.of(row, self.robot.n).R_e
+        R_e = arm_state(row, self.robot.n).R_e
         ahead = np.concatenate((self.force.ahead, np.zeros(3)))
         return at_point(ahead, -(R_e @ self.law.centre.p))
 
@@ -658,7 +660,7 @@ class ImpedanceControl(Scheme):
             law.refuse_return(DesiredFrame.of(desired), frame.now)
         self._was_frozen = False
         if centre is not AT_ORIGIN:
-            w = at_point(w, RobotState.of(row, self.robot.n).R_e @ centre.p)
+            w = at_point(w, arm_state(row, self.robot.n).R_e @ centre.p)
         if is_new or not law.inner_loop:
             frame.begin(DesiredFrame.of(desired), self._actual(row))
             return frame.step_row(0.0, desired, w)
@@ -673,5 +675,5 @@ class ImpedanceControl(Scheme):
 
     def _actual(self, row: Array) -> DesiredFrame:
         """Return the frame of the centre of compliance as it is, of the arm in a row."""
-        arm = RobotState.of(row, self.robot.n)
+        arm = arm_state(row, self.robot.n)
         return DesiredFrame(arm.p_e, arm.R_e, arm.dp_e, arm.omega_e).carrying(self.law.centre)
