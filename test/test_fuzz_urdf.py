@@ -87,7 +87,6 @@ REFUSED: dict[str, tuple[str, str]] = {
         changed('mass value="1"', 'mass value="1kg"'),
         "of its <mass> is '1kg'",
     ),
-    "a mass of NaN": (changed('mass value="1"', 'mass value="nan"'), "of its <mass> is 'nan'"),
     "an endless inertia": (changed('ixx="1"', 'ixx="inf"'), "ixx of its <inertia> is 'inf'"),
     "half an inertia": (changed('ixx="1"', ""), "link 'arm': ixx of its <inertia> is ''"),
     "a negative mass": (
@@ -99,7 +98,6 @@ REFUSED: dict[str, tuple[str, str]] = {
         "iyy of its <inertia> is -1; expected 0",
     ),
     "an axis of zero": (changed('"0 1 0"', '"0 0 0"'), "joint 'hinge': its axis is zero"),
-    "an axis with commas": (changed('"0 1 0"', '"0,1,0"'), "'0,1,0'; expected three numbers"),
     "an endless link": (changed('xyz="0.8 0 0"', 'xyz="1e308 0 0"'), "expected three numbers"),
     "an angle that is a word": (
         changed('rpy="1.57', 'rpy="a 1.57'),
@@ -112,7 +110,6 @@ REFUSED: dict[str, tuple[str, str]] = {
     "half the limits": (changed('velocity="3"', ""), "'hinge': its <limit> has no velocity"),
     "a limit of NaN": (with_number("lower", "nan"), "joint 'hinge': lower of its <limit> is 'nan'"),
     "a limit with a comma": (with_number("lower", "-3,1"), "is '-3,1'; expected a number, as 0.5"),
-    "a limit in degrees": (with_number("lower", "-90deg"), "lower of its <limit> is '-90deg'"),
     "limits in disorder": (
         with_number("lower", "5"),
         "'hinge': its limits are 5 ... 4",
@@ -136,14 +133,9 @@ REFUSED: dict[str, tuple[str, str]] = {
     "a chain too long": (chain(3000), "has 3001 links; expected at most 1000"),
     "a billion laughs": (laughs(), "it has a DOCTYPE"),
     "a file by an entity": (f"{ENTITY}{changed(END, f'<x>&a;</x>{END}')}", "it has a DOCTYPE"),
-    "half": (URDF[: len(URDF) // 2], "not valid XML"),
     "twice": (URDF + URDF, "not valid XML: junk after document element"),
     "nothing": ("", "the robot description is empty, ''; expected the text of a URDF"),
     "a path": ("/opt/robots/arm.urdf", "is a path, '/opt/robots/arm.urdf'; expected the text"),
-    "a path of a package": (
-        "package://arm_description/urdf/arm.urdf",
-        "is a path, 'package://arm_d",
-    ),
     "a command": ("$(xacro arm.urdf.xacro)", "is a command that was not run, '$(xacro arm"),
     "YAML": ("robot_description: |\n  " + URDF, "is YAML, 'robot_description: |"),
     "USD": ('#usda 1.0\n(defaultPrim = "arm")', "is no XML, '#usda 1.0"),
@@ -184,15 +176,11 @@ TAKEN: dict[str, str] = {
         '<axis xyz="1 0 0"/>', '<axis xyz="1e-4 0 0"/>'
     ),
     "axes that are not stated": changed('<axis xyz="1 0 0"/>', ""),
-    "two origins, of which the first counts": changed(
-        '<origin xyz="1 0 0"/>', '<origin xyz="1 0 0"/><origin xyz="a"/>'
-    ),
     # what is none of the arm's
     "a frame that floats": changed(END, beside("floating") + END),
     "a joint of a type that nobody knows": changed(END, beside("screw") + END),
     "a joint with an axis of zero": changed(END, beside("fixed", '<axis xyz="0 0 0"/>') + END),
     "a joint without limits": changed(END, beside("prismatic") + END),
-    "a mimic of nothing": changed(END, beside("revolute", '<mimic joint="nowhere"/>') + END),
     "a link without mass or shape": changed(END, beside("revolute", ZERO) + END),
 }
 
