@@ -13,10 +13,10 @@ MODULES = {
 # From the ground up: a module imports what is on its own floor or below.
 FLOORS = (
     ("errors", "events", "resources", "command_line", "parameters.fields", "parameters.real_time"),
-    ("laws._old.compiled", "laws._old.linear", "laws.rotations"),
+    ("laws._old.compiled", "laws._old.linear", "laws._old.rotations", "laws.jit", "laws.rotations"),
     ("motion",),
     ("laws.impedance_matrices", "laws.orientation", "motion.way_points"),
-    ("robot.urdf", "robot.urdf_text"),
+    ("robot.urdf",),
     ("laws.limits", "laws.inverse", "laws.friction", "robot"),
     ("parameters.schemes", "parameters.common"),
     ("laws", "parameters"),
@@ -59,5 +59,5 @@ def test_imports_go_down_and_only_nodes_and_what_makes_messages_import_ros():
         packages = {name.partition(".")[0] for name in names}
         is_ros = packages & ROS or any(name.endswith(("_msgs", "_srvs")) for name in packages)
         assert not is_ros or "ros" in parts or parts[-1].endswith("_node") or "messages" in parts
-        assert "pinocchio" not in packages or parts[-2] == "robot", module
+        assert "pinocchio" not in packages or parts[-2] == "robot" or "laws" in parts, module
         assert "pybullet" not in packages or module == "sim_bridge.engine", module

@@ -1,4 +1,4 @@
-"""The robot: kinematics and dynamics against differences and by hand; the catalogue."""
+"""The robot: against the whole URDF, a textbook arm, and by hand; the catalogue."""
 
 import math
 import re
@@ -127,7 +127,16 @@ JOINTS = {
     "a joint held still": ("turn", "bend"),
     "base that turns": ("lift", "bend"),
 }
-every_arm = pytest.mark.parametrize("arm", ARMS)
+BODY = """<inertial><origin xyz="0.3 0 0"/><mass value="2"/>
+<inertia ixx="0.1" iyy="0.2" izz="0.3" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+SWING = """<axis xyz="0 0 1"/><limit lower="-4" upper="4" velocity="3" effort="10"/></joint>"""
+PLANAR = f"""<robot name="planar"><link name="base"/><link name="tip"/>
+<link name="first">{BODY}<link name="second">{BODY}
+<joint name="q1" type="revolute"><parent link="base"/><child link="first"/>{SWING}
+<joint name="q2" type="revolute"><parent link="first"/><child link="second"/>
+<origin xyz="0.8 0 0"/>{SWING}
+<joint name="end" type="fixed"><parent link="second"/><child link="tip"/><origin xyz="0.8 0 0"/>
+</joint></robot>"""
 
 
 class WholeModel:
@@ -137,46 +146,42 @@ class WholeModel:
         self.model = pin.buildModelFromXML(urdf)
         self.model.gravity.linear = np.array(gravity)
         self.data = self.model.createData()
-        self.joints = [self.model.joints[self.model.getJointId(name)] for name in joints]
-
-    def configuration(self, q):
-        """Return Pinocchio's configuration for the active joints at q."""
-        whole = pin.neutral(self.model)
-        for joint, angle in zip(self.joints, q, strict=True):
-            circle = [math.cos(angle), math.sin(angle)]
-            whole[joint.idx_q : joint.idx_q + joint.nq] = circle if joint.nq == 2 else angle
-        return whole
+        joints = [self.model.joints[self.model.getJointId(name)] for name in joints]
+        self.moving = [joint.idx_v for joint in joints]
+        self.neutral = pin.neutral(self.model)
 
     def velocities(self, dq):
-        """Return Pinocchio's velocities or accelerations for those of the active joints."""
+        """Return Pinocchio's velocities for those of the active joints."""
         whole = np.zeros(self.model.nv)
-        whole[[joint.idx_v for joint in self.joints]] = dq
+        whole[self.moving] = dq
         return whole
 
-    def effort(self, q, dq, ddq):
-        """Return the efforts of the active joints, by recursive Newton-Euler."""
-        states = self.configuration(q), self.velocities(dq), self.velocities(ddq)
-        tau = pin.rnea(self.model, self.data, *states)
-        return tau[[joint.idx_v for joint in self.joints]]
+    def configuration(self, q):
+        """Return Pinocchio's configuration, cosine and sine for continuous joints."""
+        return pin.integrate(self.model, self.neutral, self.velocities(q))
+
+    def effort(self, q, dq):
+        """Return the efforts of the active joints at ddq = 0, by recursive Newton-Euler."""
+        v = self.velocities(dq)
+        return pin.rnea(self.model, self.data, self.configuration(q), v, 0 * v)[self.moving]
 
 
-@every_arm
+@pytest.mark.parametrize("arm", ARMS)
 @pytest.mark.parametrize(
     ("tool", "gravity"), [(None, GRAVITY), (TOOL, (1.0, -3.0, 8.0))], ids=["bare", "tool on a wall"]
 )
-def test_the_formulas_are_what_pinocchio_makes_of_the_urdf(arm, tool, gravity):
+def test_an_arm_is_that_of_the_whole_urdf_seen_from_its_base(arm, tool, gravity):
     urdf, base, tip, _ = ARMS[arm]
     robot, axes = Robot(*ARMS[arm], gravity, tool), pin.LOCAL_WORLD_ALIGNED
     assert robot.joints == JOINTS.get(arm, robot.joints)
     whole = WholeModel(with_a_tool(urdf, tip, tool) if tool else urdf, robot.joints, gravity)
-    model, data, moving = whole.model, whole.data, [j.idx_v for j in whole.joints]
+    model, data, moving = whole.model, whole.data, whole.moving
     tip = model.getFrameId(tip, pin.FrameType.BODY)
     base = model.getFrameId(base, pin.FrameType.BODY) if base else 0  # the universe
     both = list(configurations(robot.n, key=8))
     turns = np.where(np.isinf(robot.limits.upper), 20 * math.pi, 0.0)  # as often as it likes
     both += [(q + turns, dq) for q, dq in both[:5]]
-    stacked = robot.states(*map(np.array, zip(*both, strict=True)))
-    for k, (q, dq) in enumerate(both):
+    for q, dq in both:
         at, v = whole.configuration(q), whole.velocities(dq)
         pin.forwardKinematics(model, data, at, v, 0 * v)
         pin.updateFramePlacements(model, data)
@@ -191,27 +196,75 @@ def test_the_formulas_are_what_pinocchio_makes_of_the_urdf(arm, tool, gravity):
         J = pin.computeFrameJacobian(model, data, at, tip, axes)[:, moving]
         assert_close(arm.J, R @ J)
         assert_close(B, pin.crba(model, data, at)[np.ix_(moving, moving)])
-        assert_close(C_dq + g, whole.effort(q, dq, 0 * dq))
-        assert_close(g, whole.effort(q, 0 * dq, 0 * dq))
-        np.testing.assert_array_equal(B, B.T)
-        assert np.linalg.eigvalsh(B)[0] > 1e-4
-        for of_dynamics, kinematic in zip(arm, robot.state(q, dq), strict=True):
-            np.testing.assert_array_equal(of_dynamics, kinematic)
-        kept = [array.copy() for array in (*arm, dJ_dq, B, C_dq, g)]
-        at_rest = robot.dynamic_state(q, 0 * dq)
-        for before, after in zip(kept, (*arm, dJ_dq, B, C_dq, g), strict=True):
-            np.testing.assert_array_equal(before, after)  # by another state it does not change
-        assert not at_rest.C_dq.any()
-        assert not at_rest.dJ_dq.any()
-        for one, of_all in zip(arm, stacked, strict=True):
+        assert_close(C_dq + g, whole.effort(q, dq))
+        assert_close(g, whole.effort(q, 0 * dq))
+
+
+def flat(state):
+    return [*state.arm, *state[1:]]
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_state_stays_what_it_is_and_is_the_same_alone_in_a_row_and_with_dynamics(arm):
+    robot, both = Robot(*ARMS[arm]), configurations(len(Robot(*ARMS[arm]).joints), key=9)[:4]
+    states = [robot.dynamic_state(q, dq) for q, dq in both]
+    kept = [[array.copy() for array in flat(state)] for state in states]
+    at_rest = robot.dynamic_state(both[0][0], 0.0 * both[0][1])
+    assert not at_rest.C_dq.any()
+    assert not at_rest.dJ_dq.any()
+    for state, before in zip(states, kept, strict=True):
+        np.testing.assert_array_equal(state.B, state.B.T)
+        assert np.linalg.eigvalsh(state.B)[0] > 1e-4
+        for array, same in zip(flat(state), before, strict=True):
+            np.testing.assert_array_equal(array, same)
+    stacked = robot.states(*map(np.array, zip(*both, strict=True)))
+    for k, (q, dq) in enumerate(both):
+        for one, alone, of_all in zip(states[k].arm, robot.state(q, dq), stacked, strict=True):
+            np.testing.assert_array_equal(one, alone)
             np.testing.assert_array_equal(one, of_all[k])
+        q[:] = dq[:] = 0.0  # not those of the state
+    np.testing.assert_array_equal(states[0].arm.q, kept[0][0])
+    assert robot.states(np.empty((0, robot.n)), np.empty((0, robot.n))).J.shape == (0, 6, robot.n)
 
 
-def test_an_arm_of_which_the_formulas_make_another_one_is_refused(monkeypatch):
-    right = Robot._chain
-    monkeypatch.setattr(Robot, "_chain", lambda self: (1 + 1e-8) * right(self))
-    with pytest.raises(RobotError, match="Pinocchio, which read the URDF, differ"):
-        Robot(ARM, "base", "hand")
+@pytest.mark.parametrize("kind", ["revolute", "continuous"])
+def test_a_planar_arm_of_two_links_is_that_of_the_textbook(kind):
+    """Siciliano et al., Robotics: Modelling, Planning and Control, secs. 3.1, 7.3.2."""
+    robot = Robot(PLANAR.replace("revolute", kind), "base", "tip", gravity=(0.0, -9.81, 0.0))
+    m, inertia, a, l = 2.0, 0.3, 0.8, 0.3
+    for q, dq in configurations(2, key=17):
+        q = q + np.array([1000.0, -200.0])  # turns are turns
+        c_1, s_1, c_12, s_12 = np.cos(q[0]), np.sin(q[0]), np.cos(q.sum()), np.sin(q.sum())
+        arm, dJ_dq, B, C_dq, g = robot.dynamic_state(q, dq)
+        assert_close(arm.p_e, [a * (c_1 + c_12), a * (s_1 + s_12), 0.0])
+        J = [[-a * (s_1 + s_12), -a * s_12], [a * (c_1 + c_12), a * c_12]]
+        assert_close(arm.J[:2], J)
+        assert_close(arm.J[2:], [[0, 0], [0, 0], [0, 0], [1, 1]])
+        assert_close(arm.dp_e[:2], J @ dq)
+        first, both = a * dq[0] ** 2, a * dq.sum() ** 2
+        assert_close(dJ_dq[:2], [-first * c_1 - both * c_12, -first * s_1 - both * s_12])
+        h, c_2 = m * a * l * np.sin(q[1]), np.cos(q[1])
+        b_22 = inertia + m * l**2
+        b_12 = b_22 + m * a * l * c_2
+        b_11 = b_12 + m * a * l * c_2 + inertia + m * (l**2 + a**2)
+        assert_close(B, [[b_11, b_12], [b_12, b_22]])
+        assert_close(C_dq, [-h * (2 * dq[0] + dq[1]) * dq[1], h * dq[0] ** 2])
+        g_2 = m * 9.81 * l * c_12
+        assert_close(g, [m * 9.81 * (l + a) * c_1 + g_2, g_2])
+
+
+@pytest.mark.filterwarnings("ignore:invalid value")
+def test_one_joint_alone_and_values_that_are_none():
+    for base, tip, kind in (("floor", "column", "turn"), ("column", "carriage", "lift")):
+        robot = Robot(with_inertia(ARM), base, tip)
+        assert robot.joints == (kind,)
+        state = robot.dynamic_state(np.array([0.2]), [1])
+        assert (state.arm.J.shape, state.B.shape, state.g.shape) == ((6, 1), (1, 1), (1,))
+        assert np.isfinite(np.concatenate([array.ravel() for array in flat(state)])).all()
+        for value in (math.nan, math.inf):
+            arm = robot.state(np.array([value]), np.zeros(1))
+            assert not np.isfinite(arm.p_e if kind == "lift" else arm.R_e).all()
+            robot.dynamic_state(np.array([value]), np.array([value]))
 
 
 def test_the_friction_of_the_urdf_is_that_of_the_active_joints_in_their_order():
@@ -274,21 +327,10 @@ def with_bend(limit):
 @pytest.mark.parametrize(
     ("limit", "words"),
     [
-        (
-            '<limit velocity="3" effort="30"/>',
-            "its position limits are 0 ... 0 (what is not stated",
-        ),
-        ('<limit lower="0" upper="0" velocity="3" effort="30"/>', "position limits are 0 ... 0"),
+        ('<limit velocity="3" effort="30"/>', "its limits are 0 ... 0, its velocity limit 3 (what"),
         ('<limit lower="0.5" upper="0.5" velocity="3" effort="30"/>', "limits are 0.5 ... 0.5"),
-        (
-            '<limit upper="-0" velocity="3" effort="30"/>',
-            "type='continuous' if it turns without end",
-        ),
-        (
-            '<limit lower="-1" upper="2" velocity="0" effort="30"/>',
-            "its velocity limit is 0; expected",
-        ),
-        (f'{BEND}<safety_controller soft_lower_limit="2"/>', "position limits are 2 ... 2"),
+        ('<limit lower="-1" upper="2" velocity="0" effort="30"/>', "its velocity limit 0 (what"),
+        (f'{BEND}<safety_controller soft_lower_limit="2"/>', "limits are 2 ... 2"),
     ],
 )
 def test_a_joint_whose_limits_do_not_let_it_move_is_named_and_not_controlled(
@@ -310,7 +352,6 @@ def test_a_joint_whose_limits_do_not_let_it_move_is_named_and_not_controlled(
         ('soft_lower_limit="-0.5"', (-0.5, 2.0)),
         ('soft_upper_limit=" 1 "', (-1.0, 1.0)),
         ('soft_lower_limit="-9" soft_upper_limit="9"', (-1.0, 2.0)),
-        ('soft_lower_limit="-9" soft_upper_limit="1.5"', (-1.0, 1.5)),
         ('soft_lower_limit="0" soft_upper_limit="0"', (-1.0, 2.0)),  # an exporter knew none
         ('k_position="15" k_velocity="10"', (-1.0, 2.0)),
     ],
@@ -322,16 +363,6 @@ def test_soft_limits_are_the_limits_where_they_are_within_the_hard_ones(stated, 
     assert (limits.velocity[2], limits.effort[2]) == (3.0, 30.0)
     turn = urdf.replace("</joint>", '<safety_controller soft_upper_limit="1"/></joint>')
     assert Robot(turn, "base", "hand").limits.upper[0] == math.inf  # one without end has none
-
-
-def test_limits_without_end_are_none():
-    urdf = with_bend('<limit lower="-inf" upper="inf" velocity="inf" effort="inf"/>')
-    Robot(urdf, "base", "forearm").refuse_joints()
-    robot = Robot(urdf, "base", "hand")
-    for limit in (-robot.limits.lower, robot.limits.upper, robot.limits.velocity):
-        assert limit[2] == math.inf
-    q = np.array([0.1, 0.2, 9.0])
-    assert_close(robot.state(q, q).R_e, Robot(ARM, "base", "hand").state(q, q).R_e)
 
 
 def test_no_other_number_of_joint_values_is_taken():
@@ -501,14 +532,11 @@ def test_a_urdf_that_cannot_be_read_is_refused_with_its_path(tmp_path):
         load_urdf(TWO_LINKS.replace('"revolute"', '"fixed"'), tmp_path)
     with pytest.raises(RobotError, match=r"cannot be read.*missing\.urdf"):
         load_robot(str(tmp_path / "missing.urdf"))
-    (tmp_path / "odd.urdf").write_bytes(b'<?xml version="1.0" encoding="klingon"?>\xff')
-    with pytest.raises(RobotError, match="cannot be read"):
-        load_robot(str(tmp_path / "odd.urdf"))
     (tmp_path / "arm.urdf.xacro").write_text('<robot name="r"><xacro:arm prefix=""/></robot>')
     with pytest.raises(RobotError, match=r"has <xacro:arm>; expand it: xacro FILE"):
         load_robot(str(tmp_path / "arm.urdf.xacro"))
     (tmp_path / "binary.urdf").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(RobotError, match="cannot be read"):
+    with pytest.raises(RobotError, match="is no XML"):
         load_robot(str(tmp_path / "binary.urdf"))
 
 
@@ -525,8 +553,8 @@ def test_a_urdf_that_cannot_be_read_is_refused_with_its_path(tmp_path):
         ("joints", ["slide", "swing"], "from base to tip"),
         ("joints", ["swing", "swing"], "from base to tip"),
         ("joints", "swing", "joints must be a list of names, got 'swing'"),
-        ("home", [0.75], "home has 1 numbers, there are 2 joints"),
-        ("home", [0.75, "x"], "home must be 2 numbers"),
+        ("home", [0.75], "home is [0.75]; expected 2 numbers"),
+        ("home", [0.75, "x"], "home of joint 'slide', x, is outside 0.0 ... 1.0"),
         ("home", [0.75, float("nan")], "home of joint 'slide', nan, is outside 0.0 ... 1.0"),
         ("home", [0.2, 0.5], "home of joint 'swing', 0.2, is outside 0.5 ... 1.0"),
         ("urdf", "pybullet_data:none.urdf", "'none.urdf' of the package 'pybullet_data'"),
@@ -543,7 +571,7 @@ def test_an_impossible_entry_is_refused_with_the_reason(key, value, reason, entr
     ("text", "reason"),
     [
         ("hom: [0, 0]\nurdf: two.urdf", "unknown key 'hom' (did you mean 'home'?)"),
-        ("description: nothing", "the key 'urdf' is missing"),
+        ("description: nothing", "urdf is missing"),
         ("- a list", "expected the keys description, urdf"),
         ("urdf: [", "two.yaml"),
     ],

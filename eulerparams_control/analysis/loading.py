@@ -40,7 +40,7 @@ from eulerparams_control.laws.orientation import OrientationRepresentation, repr
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
-from eulerparams_control.robot import urdf_text
+from eulerparams_control.robot import urdf as urdf_file
 
 _ANSWERED = 500_000_000  # [ns] within which the answers to a state are in the bag
 _BLOCK = 20_000  # samples of which the kinematics are computed at once before the span
@@ -381,6 +381,6 @@ class _Reader:
 def read_urdf(path: str) -> str:
     """Return the text of a URDF; raises ConfigurationError if it cannot be read."""
     try:
-        return urdf_text.read_urdf(Path(path))
-    except (OSError, UnicodeDecodeError) as error:
+        return urdf_file.read_urdf(Path(path))
+    except OSError as error:
         raise ConfigurationError(f"cannot read the URDF {path}: {error}") from error

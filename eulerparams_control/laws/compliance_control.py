@@ -31,6 +31,15 @@ import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
 from eulerparams_control.laws._old.blend import blend, kept
+from eulerparams_control.laws._old.chain import (
+    Motion,
+    TipState,
+    dJ_dq,
+    jacobian_in,
+    joint_inertia,
+    put_arm,
+    read_tip,
+)
 from eulerparams_control.laws._old.compiled import (
     NONE,
     Array,
@@ -87,15 +96,6 @@ from eulerparams_control.laws.limits import without_accelerations
 from eulerparams_control.laws.scheme import JointCommand, LoopGain, Tick
 from eulerparams_control.motion.frames import DesiredFrame, read_frame
 from eulerparams_control.motion.motion_limits import TipLimits
-from eulerparams_control.robot.chain import (
-    Motion,
-    TipState,
-    dJ_dq,
-    jacobian_in,
-    joint_inertia,
-    put_arm,
-    read_tip,
-)
 
 BLEND_TIME = 0.005
 """Time constant [s] with which a stretched arm goes over to other springs: what is left of those of

@@ -6,7 +6,7 @@ URDF works without one: the frames then are the root link and the last link of t
 
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,7 @@ import yaml
 
 from eulerparams_control.errors import ConfigurationError, RobotError, UnknownNameError
 from eulerparams_control.resources import config_file
-from eulerparams_control.robot.urdf import UrdfTree, joint_limits, refuse_motionless
-from eulerparams_control.robot.urdf_text import read_urdf
+from eulerparams_control.robot.urdf import UrdfTree, joint_limits, read_urdf, refuse_motionless
 
 _KEYS = ("description", "urdf", "base_frame", "tip_frame", "sensor_frame", "joints", "home")
 
@@ -27,13 +26,11 @@ class RobotDescription:
 
     Attributes:
         name: of the catalogue, or of the URDF.
-        urdf_path: the URDF file.
-        urdf: its text.
+        urdf_path, urdf: the file, and its text.
         base_frame: the link that poses refer to.
         tip_frame: the link that is controlled.
         sensor_frame: the link in which, and about whose origin, the wrench is measured.
-        joints: the active joints of the arm, base to tip; n of them.
-        home: their start values; n, rad (or m).
+        joints, home: the n active joints, base to tip, and their start values [rad or m].
     """
 
     name: str
@@ -54,10 +51,10 @@ def load_robot(name_or_path: str) -> RobotDescription:
         ConfigurationError: if its YAML file is broken.
         RobotError: if its URDF is broken, or lacks a frame or a joint.
     """
-    if name_or_path.endswith((".urdf", ".xacro", ".xml")):
-        return _describe(Path(name_or_path).stem, Path(name_or_path), {})
-    is_path = name_or_path.endswith(".yaml")
-    file = Path(name_or_path) if is_path else config_file("robots", name_or_path)
+    path = Path(name_or_path)
+    if path.suffix in (".urdf", ".xacro", ".xml"):
+        return _describe(path.stem, path, {})
+    file = path if path.suffix == ".yaml" else config_file("robots", name_or_path)
     entry = _read_entry(file)
     return _describe(file.stem, find_urdf(str(entry["urdf"]), file.parent), entry)
 
@@ -67,13 +64,11 @@ def _read_entry(path: Path) -> dict[str, Any]:
         entry = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ConfigurationError(f"{path}: {error}") from error
-    if not isinstance(entry, dict):
-        raise ConfigurationError(f"{path}: expected the keys {', '.join(_KEYS)}")
+    if not isinstance(entry, dict) or "urdf" not in entry:
+        raise ConfigurationError(f"{path}: expected the keys {', '.join(_KEYS)}; urdf is missing")
     for key in entry:
         if key not in _KEYS:
             raise ConfigurationError(f"{path}: {UnknownNameError('key', str(key), _KEYS)}")
-    if "urdf" not in entry:
-        raise ConfigurationError(f"{path}: the key 'urdf' is missing")
     return entry
 
 
@@ -82,7 +77,14 @@ def find_urdf(urdf: str, folder: Path) -> Path:
     package, separator, path = urdf.partition(":")
     if not separator:
         return folder / Path(urdf).expanduser()
-    roots = list(_package_folders(package))
+    prefixes = [Path(entry) / "cmeel.prefix" for entry in sys.path if entry]
+    prefixes += [Path(entry) for entry in os.environ.get("AMENT_PREFIX_PATH", "").split(":")]
+    shares = [prefix / "share" / package for prefix in (*prefixes, Path(sys.prefix))]
+    roots = [root for share in shares for root in (share / "robots", share) if share.is_dir()]
+    if package == "pybullet_data":
+        import pybullet_data  # type: ignore[import-untyped]
+
+        roots = [Path(pybullet_data.getDataPath())]
     for root in roots:
         if (root / path).is_file():
             return root / path
@@ -92,28 +94,14 @@ def find_urdf(urdf: str, folder: Path) -> Path:
     )
 
 
-def _package_folders(package: str) -> Iterator[Path]:
-    if package == "pybullet_data":
-        import pybullet_data  # type: ignore[import-untyped]
-
-        yield Path(pybullet_data.getDataPath())
-        return
-    prefixes = [Path(entry) / "cmeel.prefix" for entry in sys.path if entry]
-    prefixes += [Path(entry) for entry in os.environ.get("AMENT_PREFIX_PATH", "").split(":")]
-    for prefix in [*prefixes, Path(sys.prefix)]:
-        share = prefix / "share" / package
-        if share.is_dir():
-            yield share / "robots"
-            yield share
-
-
 def _describe(name: str, path: Path, entry: Mapping[str, Any]) -> RobotDescription:
     try:
         text = read_urdf(path)
         tree = UrdfTree(text)
         base = tree.link(str(entry.get("base_frame", tree.root)))
-        tip = tree.link(str(entry.get("tip_frame") or _last_link(tree)))
-        joints = _joints(tree, base, tip, entry.get("joints"))
+        longest = max(tree.links, key=lambda link: len(tree.chain(tree.root, link)))
+        tip = tree.link(str(entry.get("tip_frame") or longest))
+        joints = _joints(tree, base, tip, entry.get("joints", []))
         return RobotDescription(
             name=name,
             urdf_path=path.resolve(),
@@ -124,26 +112,18 @@ def _describe(name: str, path: Path, entry: Mapping[str, Any]) -> RobotDescripti
             joints=joints,
             home=_home(tree, joints, entry.get("home")),
         )
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
         raise RobotError(f"robot '{name}': the URDF cannot be read: {error}") from error
     except (RobotError, UnknownNameError) as error:
         raise RobotError(f"robot '{name}' ({path}): {error}") from error
 
 
-def _last_link(tree: UrdfTree) -> str:
-    """Return the link with the most joints above it, the first of several."""
-    return max(tree.links, key=lambda link: len(tree.chain(tree.root, link)))
-
-
 def _joints(tree: UrdfTree, base: str, tip: str, names: Any) -> tuple[str, ...]:
-    moving = tree.moving(base, tip)
-    if not (names is None or isinstance(names, list)):
+    if not isinstance(names, list):
         raise RobotError(f"joints must be a list of names, got {names!r}")
-    joints = moving if names is None else tuple(map(str, names))
-    for joint in joints:
-        if joint not in moving:
-            raise UnknownNameError("joint", joint, moving)
-    if not joints or list(joints) != sorted(set(joints), key=moving.index):
+    joints = tree.moving(base, tip, names)
+    if not joints or (names and names != list(joints)):
+        moving = tree.moving(base, tip)
         raise RobotError(f"joints must be some of {', '.join(moving)}, from base to tip")
     for joint in joints:
         refuse_motionless(tree.joints[joint])
@@ -151,16 +131,13 @@ def _joints(tree: UrdfTree, base: str, tip: str, names: Any) -> tuple[str, ...]:
 
 
 def _home(tree: UrdfTree, joints: tuple[str, ...], home: Any) -> tuple[float, ...]:
-    limits = [joint_limits(tree.joints[joint]) for joint in joints]
+    """Return a home, 0 or the limit next to it where there is none."""
+    limits = [joint_limits(tree.joints[joint])[:2] for joint in joints]
     if home is None:
-        return tuple(min(max(0.0, lower), upper) for lower, upper, *_ in limits)
-    try:
-        values = tuple(float(value) for value in home)
-    except (TypeError, ValueError) as error:
-        raise RobotError(f"home must be {len(joints)} numbers: {error}") from error
-    if len(values) != len(joints):
-        raise RobotError(f"home has {len(values)} numbers, there are {len(joints)} joints")
-    for joint, value, (lower, upper, *_) in zip(joints, values, limits, strict=True):
-        if not lower <= value <= upper:
+        return tuple(min(max(0.0, lower), upper) for lower, upper in limits)
+    if not isinstance(home, list) or len(home) != len(joints):
+        raise RobotError(f"home is {home}; expected {len(joints)} numbers")
+    for joint, value, (lower, upper) in zip(joints, home, limits, strict=True):
+        if not isinstance(value, int | float) or not lower <= value <= upper:
             raise RobotError(f"home of joint '{joint}', {value}, is outside {lower} ... {upper}")
-    return values
+    return tuple(map(float, home))

@@ -1,112 +1,131 @@
-"""A URDF, read once, whoever sent it: the tree of links and joints that it must be.
+"""A URDF, whoever sent it: its text, its tree of links and joints, what its joints state.
 
-Values that count are checked and rewritten, numbers as numbers, axes of length 1; only they are
-given to Pinocchio and PyBullet, so that both see the same arm.  By itself Pinocchio goes on with a
-massless link where it cannot read an ``<inertial>``, so that the arm would be held with too little
-effort, and PyBullet takes the length of an ``<axis>`` for a factor of the joint's motion.
+Checked is what its readers let pass: Pinocchio drops an ``<inertial>`` that it cannot read, so that
+the arm would be held with too little effort, and PyBullet takes the length of an ``<axis>`` for a
+factor of the motion.  Both are given :meth:`UrdfTree.moving_only`, with numbers rewritten and axes
+of length 1.  The text is read as the parser of ROS reads it, without its entities and files.
 """
 
 import copy
 import math
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
-from typing import NamedTuple
+from pathlib import Path
+from xml.parsers import expat
 
 from eulerparams_control.errors import RobotError, UnknownNameError
-from eulerparams_control.robot.urdf_text import EXPECTED, parse
 
-LARGEST = 1e9
-"""No length, mass or inertia of an arm is larger; what is would overflow sooner or later."""
-
-NO_LIMIT = 1e12
-"""Stands for infinity where Pinocchio and PyBullet need a number."""
-
-_ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-
-# Entries of bodies that are points have a rounded zero on their diagonal [kg m^2].
-_ROUNDING = 1e-9
-
-# An axis that is shorter is a zero with rounding.
-_SHORTEST_AXIS = 1e-9
-
-MOVING = ("revolute", "continuous", "prismatic")
-"""The types of joints of one degree of freedom."""
+MOVING = ("revolute", "continuous", "prismatic")  # the joint types of one degree of freedom
+NO_LIMIT = 1e12  # stands for infinity where Pinocchio and PyBullet need a number
+COULOMB_SPEED = 0.05  # [rad/s] Coulomb friction is tanh(dq / COULOMB_SPEED); a step would chatter
 
 _TYPES = (*MOVING, "fixed", "floating", "planar")
+_LIMITS = ("lower", "upper", "velocity", "effort")
+_INERTIAL = {"mass": ("value",), "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")}
+_LARGEST = 1e9  # [m, kg, kg m^2] beyond it numbers would overflow sooner or later
+_ROUNDING = 1e-9  # of a zero: in the inertia of a point [kg m^2], in an axis
 
-# More than any robot has: parsers in C++ go down a chain by recursion, until the stack is full.
-_MOST_LINKS = 5000
-_LONGEST_CHAIN = 200
-_LONGEST_NAME = 1000  # characters; PyBullet writes a longer one over other memory
+# Beyond these Pinocchio (a chain of 5000 links) and PyBullet (a name of 3000) end the process.
+_MOST_LINKS = 1000
+_LONGEST_NAME = 1000  # characters
 
-COULOMB_SPEED = 0.05
-"""Coulomb friction is tanh(dq / COULOMB_SPEED) [rad/s] of its value; a step would chatter."""
+_URDF = "expected the text of a URDF, <robot name=...> ... </robot>"
+_CONTENT = (
+    f"{_URDF}: set what is in the file, in a launch file by Command(['xacro ', FILE]), "
+    "elsewhere in a parameter file, as the block after 'robot_description: |2'"
+)
+_LIMIT = 'expected <limit lower="-3.1" upper="3.1" effort="100" velocity="2"/>'
+_NO_XML = (
+    (r"$", "empty"),
+    (r"(\w+://|~?\.{0,2}/)[^\n]*$|[^<>\n]*\.(urdf|xacro|xml|sdf|usda?)$", "a path"),
+    (r"\$\(|xacro ", "a command that was not run"),
+    (r"---|%YAML|[\w/*.~-]+:\s", "YAML"),
+    ("", "no XML"),
+)
+_DEFINITIONS = ("xacro:property", "xacro:arg", "xacro:macro")  # do no harm where nothing uses them
 
-_LIMIT = '<limit lower="-3.1" upper="3.1" effort="100" velocity="2"/>'
+
+def read_urdf(path: Path) -> str:
+    """Return the text of a file, in UTF-8 or else in Latin 1; raises OSError."""
+    if path.exists() and not path.is_file():  # a pipe would be waited for
+        raise OSError(f"{path} is no file")
+    data = path.read_bytes()
+    try:
+        return data.decode()
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
+def parse(text: str) -> ET.Element:
+    """Return the ``<robot>`` of a text; prefixes stay in the names of elements, as ROS has them."""
+    text = text.strip("\ufeff \t\r\n")
+    if not text.startswith("<"):
+        kind = next(kind for pattern, kind in _NO_XML if re.match(pattern, text))
+        raise RobotError(f"the robot description is {kind}, '{text[:80]}'; {_CONTENT}")
+    if re.search(r"<!DOCTYPE[^>]*(SYSTEM|PUBLIC|\[)", text):  # entities grow without bound
+        raise RobotError("not a URDF: it has a DOCTYPE with entities or a file; remove it")
+    builder, parser = ET.TreeBuilder(), expat.ParserCreate()
+    parser.StartElementHandler = builder.start
+    parser.EndElementHandler = builder.end
+    try:
+        parser.Parse(text, True)
+    except (expat.ExpatError, ValueError) as error:  # the latter for text that no file can have
+        raise RobotError(f"not valid XML: {error}; {_CONTENT}") from error
+    robot = builder.close()
+    if robot.tag != "robot":
+        raise RobotError(f"the robot description is no URDF: its root is <{robot.tag}>; {_URDF}")
+    for part in robot:
+        if part.tag.startswith(("link", "joint", "xacro:")) and part.tag not in _DEFINITIONS:
+            for element in part.iter():
+                _refuse_xacro(element)
+    return robot
+
+
+def _refuse_xacro(element: ET.Element) -> None:
+    for text in (f"<{element.tag}>", *element.attrib.values()):
+        if re.search(r"^<xacro:|\$[{(]", text) and element.tag != "mesh":
+            raise RobotError(
+                f"the robot description is xacro that was not expanded: it has {text}; expand "
+                "it: xacro FILE.xacro > FILE.urdf, in a launch file Command(['xacro ', FILE])"
+            )
 
 
 @contextmanager
-def _naming(owner: str) -> Iterator[None]:
-    """Let a refusal begin with what it is about."""
+def _naming(element: ET.Element) -> Iterator[None]:
+    """Let a refusal begin with the link or joint that it is about."""
     try:
         yield
     except RobotError as error:
-        raise RobotError(f"{owner}: {error}") from error
+        raise RobotError(f"{element.tag} '{element.get('name')}': {error}") from error
 
 
 def attribute(element: ET.Element, name: str) -> str:
-    """Return an attribute.
-
-    Raises:
-        RobotError: if there is none of this name.
-    """
+    """Return an attribute; raises RobotError if there is none of this name."""
     value = element.get(name)
     if value is None:
         raise RobotError(f"a <{element.tag}> has no attribute '{name}'")
     return value
 
 
-def _number(text: str) -> float:
-    """Return a number as URDF has it, NaN if it is none: neither ``1_0`` nor other digits are."""
-    if "_" in text or not text.isascii():
-        return math.nan
-    try:
-        value = float(text)
-    except ValueError:
-        return math.nan
-    return math.nan if math.isinf(value) and "inf" not in text.lower() else value
-
-
-def number(element: ET.Element, name: str, default: str | None = None) -> float:
-    """Return the number of an attribute; it may be infinite.
-
-    Raises:
-        RobotError: if it is no number, or is not there and there is no default.
-    """
-    text = attribute(element, name) if default is None else element.get(name, default)
-    value = _number(text)
-    if math.isnan(value):
-        raise RobotError(
-            f"{name} of its <{element.tag}> is '{text}'; expected a number, as 0.5 or 1e-3"
-        )
-    return value
-
-
-def numbers(element: ET.Element, name: str, default: str) -> list[float]:
-    """Return the three numbers of an attribute, each finite and at most ``LARGEST``.
-
-    Raises:
-        RobotError: if they are not.
-    """
+def numbers(
+    element: ET.Element, name: str, default: str = "", count: int = 3, largest: float = _LARGEST
+) -> list[float]:
+    """Return the numbers of an attribute; raises RobotError if they are none, or too large."""
     text = element.get(name, default)
-    values = [_number(word) for word in text.split()]
-    if len(values) != 3 or not all(map(is_plausible, values)):
-        raise RobotError(
-            f"{name} of its <{element.tag}> is '{text}'; expected three numbers up to {LARGEST:g} "
-            "with blanks between them, as '0 0 0.5'"
-        )
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError:
+        values = []
+    if len(values) != count or not all(abs(value) <= largest for value in values):
+        expected = {1: "a number, as 0.5 or 1e-3", 3: "three numbers with blanks, as '0 0 0.5'"}
+        raise RobotError(f"{name} of its <{element.tag}> is '{text}'; expected {expected[count]}")
     return values
+
+
+def _number(element: ET.Element, name: str, default: str = "", largest: float = math.inf) -> float:
+    return numbers(element, name, default, 1, largest)[0]
 
 
 def text_of(values: Iterable[float]) -> str:
@@ -114,92 +133,59 @@ def text_of(values: Iterable[float]) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def is_plausible(value: float) -> bool:
-    """Return whether a value is finite and not larger than ``LARGEST``."""
-    return math.isfinite(value) and abs(value) <= LARGEST
+def _rewrite_origin(element: ET.Element) -> None:
+    if (origin := element.find("origin")) is not None:
+        for name in ("xyz", "rpy"):
+            origin.set(name, text_of(numbers(origin, name, "0 0 0")))
 
 
-def _clean_link(link: ET.Element) -> ET.Element:
-    """Return a link with its checked inertia, if it has one, and its shapes."""
-    clean = ET.Element("link", name=attribute(link, "name"))
-    with _naming(f"link '{clean.get('name')}'"):
-        clean.extend([_clean_inertial(inertial) for inertial in link.findall("inertial")[:1]])
-    clean.extend([part for part in link if part.tag in ("visual", "collision")])
-    return clean
+def _check_link(link: ET.Element) -> None:
+    """Check and rewrite the inertia of a link, if it has one."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return
+    _rewrite_origin(inertial)
+    for part, names in _INERTIAL.items():
+        found = inertial.find(part)
+        element = ET.Element(part) if found is None else found
+        for name in names:
+            value = _number(element, name, "", _LARGEST)
+            least = {"value": 0.0, "ixx": -_ROUNDING, "iyy": -_ROUNDING, "izz": -_ROUNDING}
+            if value < least.get(name, -_LARGEST):
+                raise RobotError(f"{name} of its <{part}> is {value:g}; expected 0 or more")
+            element.set(name, repr(value))
 
 
-def _clean_inertial(inertial: ET.Element) -> ET.Element:
-    mass = _plausible(inertial, "mass", "value")
-    entries = {name: _plausible(inertial, "inertia", name) for name in _ENTRIES}
-    negative = {name: entries[name] for name in ("ixx", "iyy", "izz") if entries[name] < -_ROUNDING}
-    if mass < 0 or negative:
-        raise RobotError(
-            f"its <inertial> has mass {mass:g} kg, negative moments {negative or 'none'}; expected "
-            "0 or more"
-        )
-    clean = ET.Element("inertial")
-    clean.extend(_clean_origin(inertial))
-    ET.SubElement(clean, "mass", value=repr(mass))
-    ET.SubElement(clean, "inertia", {name: repr(entry) for name, entry in entries.items()})
-    return clean
-
-
-def _plausible(inertial: ET.Element, part: str, name: str) -> float:
-    element = inertial.find(part)
-    if element is None:
-        raise RobotError(
-            f"its <inertial> has no <{part}>; expected one, or no <inertial> where there is no mass"
-        )
-    value = number(element, name)
-    if not is_plausible(value):
-        raise RobotError(f"{name} of its <{part}> is {value:g}; expected at most {LARGEST:g}")
-    return value
-
-
-def _clean_origin(element: ET.Element) -> list[ET.Element]:
-    """Return the ``<origin>`` of a joint or an inertia in a list, which is empty if it has none."""
-    origins = [
-        (numbers(o, "xyz", "0 0 0"), numbers(o, "rpy", "0 0 0"))
-        for o in element.findall("origin")[:1]
-    ]
-    return [ET.Element("origin", xyz=text_of(xyz), rpy=text_of(rpy)) for xyz, rpy in origins]
-
-
-def _clean_joint(joint: ET.Element) -> ET.Element:
-    """Return a joint with its checked place and ends; its limits are checked where it moves."""
-    name = attribute(joint, "name")
-    with _naming(f"joint '{name}'"):
-        kind = attribute(joint, "type")
-        clean = ET.Element("joint", name=name, type=kind)
-        clean.extend(_clean_origin(joint))
-        for end in ("parent", "child"):
-            element = joint.find(end)
-            if element is None:
-                raise RobotError(f"it has no <{end}>")
-            ET.SubElement(clean, end, link=attribute(element, "link"))
-        if kind in MOVING:
-            ET.SubElement(clean, "axis", xyz=text_of(_unit_axis(joint)))
-    kept = ("limit", "safety_controller", "mimic", "dynamics")
-    clean.extend([part for part in joint if part.tag in kept])
-    return clean
-
-
-def _unit_axis(joint: ET.Element) -> list[float]:
+def _check_joint(joint: ET.Element) -> None:
+    """Check and rewrite the place and the axis of a joint."""
+    _rewrite_origin(joint)
     axis = joint.find("axis")
-    direction = [1.0, 0.0, 0.0] if axis is None else numbers(axis, "xyz", "1 0 0")
-    length = math.hypot(*direction)
-    if length < _SHORTEST_AXIS:
-        raise RobotError("its axis is zero; expected a direction, as xyz='0 0 1'")
-    return [value / length for value in direction]
+    if attribute(joint, "type") in MOVING:
+        axis = ET.SubElement(joint, "axis") if axis is None else axis
+        direction = numbers(axis, "xyz", "1 0 0")
+        length = math.hypot(*direction)
+        if length < _ROUNDING:
+            raise RobotError("its axis is zero; expected a direction, as xyz='0 0 1'")
+        axis.set("xyz", text_of(value / length for value in direction))
+    elif axis is not None:
+        joint.remove(axis)
 
 
-class Limits(NamedTuple):
-    """The limits that a joint states: rad, rad/s, Nm (or m, m/s, N); infinite if none."""
-
-    lower: float
-    upper: float
-    velocity: float
-    effort: float
+def _checked(robot: ET.Element, tag: str) -> dict[str, ET.Element]:
+    """Return the links or the joints of a robot by their names, checked and rewritten."""
+    named: dict[str, ET.Element] = {}
+    for element in robot.findall(tag):
+        name = attribute(element, "name")
+        if name in named:
+            raise RobotError(f"two {tag}s have the name '{name}'; expected one")
+        if len(name) > _LONGEST_NAME:
+            raise RobotError(f"a {tag} has a name of {len(name)} characters; shorten it")
+        named[name] = element
+        with _naming(element):
+            (_check_link if tag == "link" else _check_joint)(element)
+    if len(named) > _MOST_LINKS:
+        raise RobotError(f"the URDF has {len(named)} {tag}s; expected at most {_MOST_LINKS}")
+    return named
 
 
 class UrdfTree:
@@ -209,119 +195,91 @@ class UrdfTree:
         text: the XML text.
 
     Attributes:
-        element: the ``<robot>`` of what counts: links with inertia and shapes, joints, materials.
+        element: the ``<robot>``, only of links, joints and materials.
         links: the names of the links, in the order of the file.
         joints: the ``<joint>`` of each name, in the order of the file.
         root: the link that no joint carries.
 
     Raises:
-        RobotError: if the text is not XML, not a URDF, or not one tree; if a name is there twice;
-            if the place of a joint, or the mass of a link, is impossible.
+        RobotError: if the text is no URDF, or not one tree, or if a link or joint is impossible.
     """
 
     def __init__(self, text: str) -> None:
-        robot = parse(text)
-        links, joints = robot.findall("link"), robot.findall("joint")
-        self.links = _names("link", links)
-        if not links:
-            raise RobotError(f"the robot description has no <link>, as an SRDF; {EXPECTED}")
-        self.joints = dict(zip(_names("joint", joints), map(_clean_joint, joints), strict=True))
-        self.element = ET.Element("robot", name=robot.get("name", "robot"))
-        self.element.extend(robot.findall("material"))
-        self.element.extend([_clean_link(link) for link in links])
-        self.element.extend(self.joints.values())
+        self.element = robot = parse(text)
+        for part in list(robot):
+            if part.tag not in ("link", "joint", "material"):
+                robot.remove(part)
+        self.links, self.joints = list(_checked(robot, "link")), _checked(robot, "joint")
+        if not self.links:
+            raise RobotError(f"the robot description has no <link>, as an SRDF; {_URDF}")
         self._above: dict[str, str] = {}  # link -> the joint that carries it
-        self._connect()
+        below: dict[str, list[str]] = {link: [] for link in self.links}
+        for joint in self.joints:
+            for end in ("parent", "child"):
+                if self.end(joint, end) not in below:
+                    raise RobotError(f"joint '{joint}': no link '{self.end(joint, end)}' as {end}")
+            parent, child = self.end(joint, "parent"), self.end(joint, "child")
+            if child in self._above:
+                raise RobotError(f"link '{child}' has two parents; expected one")
+            self._above[child] = joint
+            below[parent].append(child)
         roots = [link for link in self.links if link not in self._above]
         if len(roots) != 1:
             raise RobotError(f"expected one root link, found {len(roots)}: {', '.join(roots[:20])}")
-        self.root = roots[0]
-        self._check_chains()
+        self.root, carried = roots[0], roots
+        for link in carried:  # which grows
+            carried += below[link]
+        if apart := set(self.links).difference(carried):
+            raise RobotError(f"link '{min(apart)}' is not carried by link '{self.root}'")
 
-    def _connect(self) -> None:
-        known = set(self.links)
-        for name in self.joints:
-            for end in ("parent", "child"):
-                if self.end(name, end) not in known:
-                    raise RobotError(f"joint '{name}': no link '{self.end(name, end)}' as {end}")
-            if self.end(name, "child") in self._above:
-                raise RobotError(f"link '{self.end(name, 'child')}' has two parents")
-            self._above[self.end(name, "child")] = name
-
-    def _check_chains(self) -> None:
-        """Raise RobotError unless the root carries every link, by a chain that is not too long."""
-        depth = {self.root: 0}
-        for link in self.links:
-            chain = [link]
-            while chain[-1] not in depth:
-                if len(chain) > _LONGEST_CHAIN:
-                    raise RobotError(
-                        f"link '{link}' is not carried by link '{self.root}', or by more than "
-                        f"{_LONGEST_CHAIN} joints"
-                    )
-                chain.append(self.end(self._above[chain[-1]], "parent"))
-            start = depth[chain[-1]]
-            depth.update((above, start + n) for n, above in enumerate(reversed(chain)))
-            if depth[link] > _LONGEST_CHAIN:
-                raise RobotError(f"link '{link}' is carried by more than {_LONGEST_CHAIN} joints")
+    def kind(self, joint: str) -> str:
+        """Return the type of a joint."""
+        return self.joints[joint].attrib["type"]
 
     def end(self, joint: str, end: str) -> str:
         """Return the link at the ``parent`` or at the ``child`` end of a joint."""
-        return self.joints[joint].find(end).attrib["link"]  # type: ignore[union-attr]
+        element = self.joints[joint].find(end)
+        return "" if element is None else element.get("link", "")
 
     def link(self, name: str) -> str:
-        """Return ``name``.
-
-        Raises:
-            UnknownNameError: if it is not a link.
-        """
+        """Return ``name``; raises UnknownNameError if it is not a link."""
         if name not in self.links:
             raise UnknownNameError("frame", name, self.links)
         return name
 
-    def carrier(self, link: str) -> ET.Element | None:
-        """Return the joint that carries a link, None for the root."""
-        return self.joints[self._above[link]] if link in self._above else None
-
     def chain(self, base: str, tip: str) -> list[str]:
-        """Return the names of the joints from the link ``base`` to the link ``tip``.
-
-        Raises:
-            RobotError: if ``base`` does not carry ``tip``.
-        """
+        """Return the joints from the link ``base`` to the link ``tip``, which it has to carry."""
         link, names = tip, list[str]()
         while link != base:
-            if link not in self._above or len(names) == len(self.joints):
+            if link not in self._above:
                 raise RobotError(f"link '{tip}' is not carried by link '{base}'")
             names.append(self._above[link])
             link = self.end(names[-1], "parent")
         return names[::-1]
 
-    def moving(self, base: str, tip: str) -> tuple[str, ...]:
-        """Return the moving joints from ``base`` to ``tip`` that mimic no other.
+    def moving(self, base: str, tip: str, joints: Collection[str] = ()) -> tuple[str, ...]:
+        """Return the joints from ``base`` to ``tip`` that move and mimic none, or some of them.
 
         Raises:
-            RobotError: if ``base`` does not carry ``tip``, or by a joint of an unknown type.
+            RobotError: if ``base`` does not carry ``tip``, or by a joint of an unknown type, or if
+                one of ``joints`` is none of them.
         """
-        chain = [self.joints[name] for name in self.chain(base, tip)]
-        for joint in chain:
-            if (kind := joint.get("type")) not in _TYPES:
-                unknown = UnknownNameError("type", kind, _TYPES)
-                raise RobotError(f"joint '{joint.get('name')}': {unknown}")
-        free = (j for j in chain if j.get("type") in MOVING and j.find("mimic") is None)
-        return tuple(attribute(joint, "name") for joint in free)
+        chain = self.chain(base, tip)
+        for name in chain:
+            if self.kind(name) not in _TYPES:
+                unknown = UnknownNameError("type", self.kind(name), _TYPES)
+                raise RobotError(f"joint '{name}': {unknown}")
+        free = (name for name in chain if self.joints[name].find("mimic") is None)
+        moving = tuple(name for name in free if self.kind(name) in MOVING)
+        for name in joints:
+            if name not in moving:
+                raise RobotError(f"joints: {UnknownNameError('joint', name, moving)}")
+        return tuple(name for name in moving if name in joints or not joints)
 
     def moving_only(self, joints: Collection[str], shapes: Collection[str] = ()) -> ET.Element:
-        """Return the ``<robot>`` in which only some joints move, for Pinocchio and PyBullet.
+        """Return the ``<robot>`` in which only some joints move, the others are fixed at 0.
 
-        The others are fixed at 0.  Nothing has friction.
-
-        Args:
-            joints: that move.
-            shapes: which of "visual" and "collision" the links keep.
-
-        Raises:
-            RobotError: if the limits of one of the joints are impossible.
+        Nothing has friction; links keep their ``shapes``, of "visual" and "collision".
         """
         robot = ET.Element("robot", name="robot")
         robot.extend(self.element.findall("material") if shapes else ())
@@ -330,116 +288,63 @@ class UrdfTree:
             kept.extend([part for part in link if part.tag in ("inertial", *shapes)])
         for name, joint in self.joints.items():
             moves = name in joints
-            kind = joint.get("type", "") if moves else "fixed"
+            kind = self.kind(name) if moves else "fixed"
             kept = ET.SubElement(robot, "joint", name=name, type=kind)
             tags = ("origin", "parent", "child", *("axis",) * moves)
             kept.extend([part for part in joint if part.tag in tags])
             if moves:
-                limits = (min(max(v, -NO_LIMIT), NO_LIMIT) for v in joint_limits(joint))
-                stated = dict(zip(Limits._fields, map(repr, limits), strict=True))
-                ET.SubElement(kept, "limit", stated)
+                limit = ET.SubElement(kept, "limit")
+                for bound, value in zip(_LIMITS, joint_limits(joint), strict=True):
+                    limit.set(bound, repr(min(max(value, -NO_LIMIT), NO_LIMIT)))
         return copy.deepcopy(robot)
 
 
-def _names(kind: str, elements: list[ET.Element]) -> list[str]:
-    """Return the names of links or joints, in the order of the file.
+def joint_limits(joint: ET.Element) -> tuple[float, float, float, float]:
+    """Return lower, upper, velocity and effort limit [rad or m, and s, Nm or N] of a ``<joint>``.
 
-    Raises:
-        RobotError: if there are too many, or one is empty or there twice.
+    Those of its ``<safety_controller>`` count, too; infinite is none.
     """
-    if len(elements) > _MOST_LINKS:
-        raise RobotError(f"the URDF has {len(elements)} {kind}s; expected at most {_MOST_LINKS}")
-    names = [attribute(element, "name") for element in elements]
-    seen = set[str]()
-    for name in names:
-        if not name.strip():
-            raise RobotError(f"a {kind} has an empty name")
-        if len(name) > _LONGEST_NAME:
-            raise RobotError(f"a {kind} has a name of {len(name)} characters; expected fewer")
-        if name in seen:
-            raise RobotError(f"two {kind}s have the name '{name}'; expected one")
-        seen.add(name)
-    return names
-
-
-def joint_limits(joint: ET.Element) -> Limits:
-    """Return the limits of a ``<joint>``, those of its ``<safety_controller>`` among them.
-
-    Raises:
-        RobotError: if it has none though it needs them, or if they are impossible.
-    """
-    with _naming(f"joint '{joint.get('name')}'"):
-        if (kind := joint.get("type")) not in MOVING:
-            raise RobotError(f"its type is '{kind}'; expected {', '.join(MOVING)}")
-        turns, limit = kind == "continuous", joint.find("limit")
-        if limit is None and turns:
-            return Limits(-math.inf, math.inf, math.inf, math.inf)
-        if limit is None:
+    turns, limit = joint.get("type") == "continuous", joint.find("limit")
+    if turns and limit is None:
+        return -math.inf, math.inf, math.inf, math.inf
+    with _naming(joint):
+        if limit is None or not {"velocity", "effort"} <= set(limit.keys()):
             raise RobotError(
-                f"its <limit> is missing; expected {_LIMIT} (one that turns without end is "
-                "continuous)"
+                f"its <limit> has no velocity or no effort; {_LIMIT} (a joint that turns "
+                "without end is continuous, and needs none)"
             )
-        if lacks := [name for name in ("effort", "velocity") if name not in limit.attrib]:
-            raise RobotError(f"its <limit> has no {' and no '.join(lacks)}; expected {_LIMIT}")
-        lower, upper = (-math.inf, math.inf) if turns else _positions(joint, limit)
-        limits = Limits(lower, upper, number(limit, "velocity"), number(limit, "effort"))
-        if limits.velocity < 0.0 or limits.effort < 0.0:
+        lower, upper, velocity, effort = (_number(limit, name, "0") for name in _LIMITS)
+        soft = joint.find("safety_controller")
+        if turns:
+            lower, upper = -math.inf, math.inf
+        elif soft is not None:
+            low = _number(soft, "soft_lower_limit", "-inf")
+            high = _number(soft, "soft_upper_limit", "inf")
+            if (low, high) != (0.0, 0.0):  # what exporters write who know none
+                lower, upper = max(lower, low), min(upper, high)
+        if lower > upper or velocity < 0.0 or effort < 0.0:
             raise RobotError(
-                f"its <limit> has velocity {limits.velocity:g}, effort {limits.effort:g}; expected "
-                "more than 0"
+                f"its limits are {lower:g} ... {upper:g} (by its <safety_controller>, too), "
+                f"velocity {velocity:g}, effort {effort:g}; expected the lower before the upper, "
+                "and no negative velocity or effort"
             )
-        return limits
-
-
-def _positions(joint: ET.Element, limit: ET.Element) -> tuple[float, float]:
-    """Return the lower and the upper limit of a joint that has them."""
-    lower, upper = number(limit, "lower", "0"), number(limit, "upper", "0")
-    if lower > upper:
-        raise RobotError(f"its <limit> has lower {lower:g} above upper {upper:g}; swap them")
-    soft = joint.find("safety_controller")
-    if soft is None:
-        return lower, upper
-    stated = number(soft, "soft_lower_limit", "-inf"), number(soft, "soft_upper_limit", "inf")
-    if stated == (0.0, 0.0):  # what exporters write who know none
-        return lower, upper
-    within = max(lower, stated[0]), min(upper, stated[1])
-    if within[0] > within[1]:
-        raise RobotError(
-            f"the soft limits of its <safety_controller>, {stated[0]:g} ... {stated[1]:g}, leave "
-            f"nothing of {lower:g} ... {upper:g}; expected a range within it"
-        )
-    return within
+        return lower, upper, velocity, effort
 
 
 def refuse_motionless(joint: ET.Element) -> None:
     """Raise RobotError, with what helps, if the limits of a joint do not let it move."""
-    limits = joint_limits(joint)
-    name = f"joint '{joint.get('name')}' cannot move: its"
-    if limits.lower == limits.upper:
+    lower, upper, velocity, _ = joint_limits(joint)
+    if lower == upper or velocity == 0.0:
         raise RobotError(
-            f"{name} position limits are {limits.lower:g} ... {limits.upper:g} (what is not stated "
-            f"is 0); expected {_LIMIT}, type='continuous' if it turns without end, or type='fixed'"
+            f"joint '{joint.get('name')}' cannot move: its limits are {lower:g} ... {upper:g}, its "
+            f"velocity limit {velocity:g} (what is not stated is 0); {_LIMIT}, "
+            "type='continuous' if it turns without end, or type='fixed'"
         )
-    if limits.velocity == 0.0:
-        raise RobotError(f"{name} velocity limit is 0; expected more, as {_LIMIT}")
 
 
 def joint_friction(joint: ET.Element) -> tuple[float, float]:
-    """Return the viscous [Nm s/rad] and the Coulomb friction [Nm] of a ``<joint>``.
-
-    They are ``damping`` and ``friction`` of its ``<dynamics>``, 0 where it states none.
-
-    Raises:
-        RobotError: if one is not a finite number of 0 or more.
-    """
-    element = joint.find("dynamics")
-    if element is None:
-        return 0.0, 0.0
-    with _naming(f"joint '{joint.get('name')}'"):
-        viscous, coulomb = number(element, "damping", "0"), number(element, "friction", "0")
-        if not (0.0 <= viscous < math.inf and 0.0 <= coulomb < math.inf):
-            raise RobotError(
-                f"its <dynamics> has damping {viscous:g}, friction {coulomb:g}; expected finite "
-                "numbers of 0 or more"
-            )
-        return viscous, coulomb
+    """Return damping [Nm s/rad] and friction [Nm] of its ``<dynamics>``, 0 if it states none."""
+    dynamics = joint.find("dynamics")
+    dynamics = ET.Element("dynamics") if dynamics is None else dynamics
+    with _naming(joint):
+        return _number(dynamics, "damping", "0"), _number(dynamics, "friction", "0")

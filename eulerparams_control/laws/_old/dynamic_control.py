@@ -15,6 +15,18 @@ import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, FollowingError, SingularityError
 from eulerparams_control.laws._old.blend import Blend, blend, kept
+from eulerparams_control.laws._old.chain import (
+    TIP,
+    WORK,
+    Motion,
+    TipState,
+    arm_state,
+    chain_of_robot,
+    dJ_dq,
+    jacobian_in,
+    put_arm,
+    read_tip,
+)
 from eulerparams_control.laws._old.compiled import (
     NONE,
     Array,
@@ -88,16 +100,6 @@ from eulerparams_control.motion.motion_limits import (
     MotionLimits,
     TipLimits,
     approach,
-)
-from eulerparams_control.robot.chain import (
-    TIP,
-    WORK,
-    Motion,
-    TipState,
-    dJ_dq,
-    jacobian_in,
-    put_arm,
-    read_tip,
 )
 from eulerparams_control.robot.robot import Robot, RobotState
 
@@ -604,7 +606,7 @@ class DynamicControl(Scheme):
         row = np.empty(self.width)
         tau, saturated, excess = self.efforts(dt, row, desired.row, h, q, dq)
         self.note_contact(dt, row, desired.row, None, self.is_pressing)
-        x_de, arm = self._unpack(self._x_de), RobotState.of(row, n)
+        x_de, arm = self._unpack(self._x_de), arm_state(row, n)
         command = JointCommand(effort=tau)
         return Tick(command, desired, arm, x_de, saturated, excess, None, self._x_de)
 
@@ -620,9 +622,9 @@ class DynamicControl(Scheme):
             dt, desired, h, q, dq: as :meth:`step` takes them, which says what is raised.
         """
         robot, (at, _, at_tau, at_x) = self.robot, self._places
-        given = self._past, *self._given
+        chain, given = chain_of_robot(robot), (self._past, *self._given)
         found = self._step(
-            robot.chain, self.work, row, q, dq, desired, h, self._x_de, dt, self._lasts(dt), *given
+            chain, self.work, row, q, dq, desired, h, self._x_de, dt, self._lasts(dt), *given
         )
         self._q, self._hold = row[: robot.n], None
         if found < 0:
@@ -660,7 +662,7 @@ class DynamicControl(Scheme):
         """Return what to say of what was found."""
         if found in (FAR, TURNED):
             try:
-                self.limits.refuse_error(desired, RobotState.of(row, self.robot.n))
+                self.limits.refuse_error(desired, arm_state(row, self.robot.n))
             except FollowingError as error:
                 return error
         return SingularityError(_WORDS.get(found) or self.law.orientation.singularity)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, RobotError
+from eulerparams_control.laws._old.chain import WORK, chain_of_robot, efforts, place
 from eulerparams_control.laws._old.compiled import (
     NONE,
     Array,
@@ -31,7 +32,6 @@ from eulerparams_control.laws.limits import (
     limit_acceleration,
     subtract,
 )
-from eulerparams_control.robot.chain import WORK, efforts, place
 from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
 
 # Time constant [s] of the acceleration that disturbances cause.
@@ -105,7 +105,7 @@ class InverseDynamics:
         """
         n, given = len(ddq), (self.friction_rows, self.numbers, UNLIMITED)
         past, wanted, tau = np.empty((PAST, n)), np.empty(n), np.empty(n)
-        state = robot.chain, arm.q, arm.dq, arm.J
+        state = chain_of_robot(robot), arm.q, arm.dq, arm.J
         command_effort(*state, ddq, h, 0.0, 0.0, past, *given, wanted, tau)
         return tau
 

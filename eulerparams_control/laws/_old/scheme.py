@@ -6,12 +6,12 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
+from eulerparams_control.laws._old.chain import arm_width
 from eulerparams_control.laws._old.compiled import Input, Inputs, entry, kernel, layout
 from eulerparams_control.laws._old.linear import Mat, Vec, mat, norm, vec
 from eulerparams_control.laws._old.rotations import Array, angle_between
 from eulerparams_control.motion.frames import DesiredFrame, frame_of
 from eulerparams_control.motion.motion_limits import NO_LIMITS, MotionLimits, TipLimits
-from eulerparams_control.robot.chain import arm_width
 
 
 class TipBounds(NamedTuple):

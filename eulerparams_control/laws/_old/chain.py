@@ -6,24 +6,23 @@ base frame.  The arm is rows of numbers: ``chain`` (n + 1, ...) has a :class:`Li
 the :class:`ChainTip`; ``work`` (n, WORK) is filled by :func:`place` and read by the others.
 """
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
 from eulerparams_control.laws._old.compiled import (
     Array,
     Input,
-    Inputs,
     Row,
     Rows,
-    entry,
     kernel,
     layout,
     to_rows,
 )
 from eulerparams_control.laws._old.linear import Mat, Vec, cross, identity, outer
 from eulerparams_control.laws._old.rotations import R_angle_axis
+from eulerparams_control.robot.robot import Robot, RobotState
 
 
 class Link(NamedTuple):
@@ -103,11 +102,20 @@ _LOAD = layout(PlacedJoint).width  # where it begins
 WORK = _LOAD + layout(BodyLoad).width
 
 
-def chain_of(links: Sequence[tuple[Any, ...]], tip: tuple[Any, ...]) -> Array:
-    """Return the chain (n + 1, ...) of what :class:`Link` and :class:`ChainTip` are made of."""
-    chain = np.zeros((len(links) + 1, layout(Link).width))
-    chain[:-1] = [to_rows(Link, link) for link in links]
-    chain[-1, : layout(ChainTip).width] = to_rows(ChainTip, tip)
+@cache
+def chain_of_robot(robot: Robot) -> Array:
+    """Return the chain (n + 1, ...) of an arm."""
+    model, tip = robot.model, robot.model.frames[robot.tip_id].placement
+    chain, zero = np.zeros((robot.n + 1, layout(Link).width)), np.zeros(robot.n)
+    bodies = zip(model.joints[1:], model.jointPlacements[1:], model.inertias[1:], strict=True)
+    for row, (joint, at, body) in zip(chain, bodies, strict=False):
+        motion = joint.createData()
+        joint.calc(motion, zero, zero)
+        along, about = np.split(motion.S.ravel(), 2)
+        mass = along.any(), body.mass, body.lever, body.inertia
+        row[:] = to_rows(Link, (at.rotation, at.translation, along + about, *mass))
+    at_tip = tip.rotation, tip.translation, robot.gravity
+    chain[-1, : layout(ChainTip).width] = to_rows(ChainTip, at_tip)
     return chain
 
 
@@ -249,6 +257,13 @@ def jacobian_in(arm: Row, n: int) -> Rows:
     return arm[2 * n + TIP : 8 * n + TIP].reshape(6, n)
 
 
+def arm_state(arm: Array, n: int) -> RobotState:
+    """Return the state whose parts are views of the row of an arm of n joints."""
+    tip = arm[2 * n :]
+    R_e, J = tip[3:12].reshape(3, 3), jacobian_in(arm, n)
+    return RobotState(arm[:n], arm[n : 2 * n], tip[:3], R_e, tip[12:15], tip[15:18], J)
+
+
 @kernel
 def dJ_dq(arm: Row, n: int) -> Row:
     """Return dJ dq (6,) of the row of an arm, the acceleration of the tip at ddq = 0."""
@@ -266,28 +281,3 @@ def put_arm(chain: Rows, q: Input, dq: Input, work: Rows, arm: Row) -> TipState:
         arm[i], arm[n + i] = q[i], dq[i]
     _put_tip(arm, 2 * n, tip)
     return tip
-
-
-@entry
-def state(chain: Rows, q: Input, dq: Input, work: Rows, arm: Row) -> None:
-    """Fill in the row of an arm, and ``work``."""
-    put_arm(chain, q, dq, work, arm)
-
-
-@entry
-def states(chain: Rows, q: Inputs, dq: Inputs, arms: Rows) -> None:
-    """Fill in the rows of arms, for N samples."""
-    work = np.empty((q.shape[1], WORK))
-    for k in range(len(q)):
-        put_arm(chain, q[k], dq[k], work, arms[k])
-
-
-@entry
-def dynamic_state(chain: Rows, q: Input, dq: Input, arm: Row, B: Rows, C_dq: Row, g: Row) -> None:
-    """Fill in the row of an arm, and the terms of eq. (32)."""
-    n = len(q)
-    work, still = np.empty((n, WORK)), np.zeros(n)
-    put_arm(chain, q, dq, work, arm)
-    joint_inertia(chain, work, B)
-    efforts(chain, dq, still, work, False, True, C_dq)
-    efforts(chain, still, still, work, True, False, g)
