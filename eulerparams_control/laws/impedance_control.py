@@ -32,6 +32,7 @@ from eulerparams_control.laws._old.compiled import (
     layout,
     slot,
 )
+from eulerparams_control.laws._old.contact_watch import ContactWatch, observe
 from eulerparams_control.laws._old.dynamic_control import (
     DynamicControl,
     EffortLimits,
@@ -42,7 +43,7 @@ from eulerparams_control.laws._old.orientation import Lyapunov
 from eulerparams_control.laws._old.orientation.base import Coordinates, entry_of
 from eulerparams_control.laws._old.rotations import angle_between, exp
 from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFrame
-from eulerparams_control.laws.contact_watch import ContactWatch, Oscillation, observe
+from eulerparams_control.laws.contact_watch import Oscillation
 from eulerparams_control.laws.force_control import ForceControl, ForceOptions
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.limits import JointLimits
