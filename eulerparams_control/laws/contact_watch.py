@@ -36,7 +36,7 @@ _GIVES = -0.25
 # Speeds [m/s, rad/s] that make, with the ripple, the least power that counts.
 _LEAST_SPEED = (0.005, 0.05)
 
-# Rows of the averages, 6 numbers each: w and v without noise, and their means.  Rows of turns and of
+# Rows of the averages, 6 numbers each: w and v without noise, and their means.  Of turns and of
 # presses: sign and time of the last one, when they began to follow each other, and how many have;
 # of presses also whether the tool is pressed.
 _W, _V, _MEAN_W, _MEAN_V = range(4)
