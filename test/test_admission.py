@@ -19,8 +19,8 @@ from eulerparams_control.control.clock import Latency, NominalPeriod
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.control.mode import Cause, Mode
 from eulerparams_control.errors import InvalidMessageError, RobotError
-from eulerparams_control.laws._old.compiled import NONE
 from eulerparams_control.laws.clik import Clik, ClikLaw
+from eulerparams_control.laws.limits import NONE
 from eulerparams_control.laws.orientation import representation
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.references import SetPoint
@@ -153,11 +153,12 @@ def test_a_joint_without_wrapping_is_where_it_says_it_is_after_a_silence():
 
 
 def test_joints_with_limits_are_never_taken_a_turn_away():
-    arm, q = np.zeros((judge.ROWS, 2)), np.array([6.2, 6.2])
-    arm[[judge.FASTEST, judge.LIMIT]] = math.inf
-    arm[judge.ENDLESS] = arm[judge.TURNING] = 1.0, 0.0
-    assert judge.code_of(q, np.zeros(2), NONE, arm, 1, 0.0, True, True, False) & judge.WOUND
-    np.testing.assert_allclose(arm[judge.Q], [6.2 - 2 * np.pi, 6.2])
+    q, (last, this) = np.array([6.2, 6.2]), np.zeros((2, judge.STATE_ROWS, 2))
+    joints = np.full((judge.JOINT_ROWS, 2), math.inf)
+    joints[judge.ENDLESS] = joints[judge.TURNING] = 1.0, 0.0
+    follows = True, True, False
+    assert judge.code_of(q, 0 * q, NONE, last, this, joints, 0.0, follows) & judge.WOUND
+    np.testing.assert_allclose(this[judge.Q], [6.2 - 2 * np.pi, 6.2])
 
 
 def test_a_state_of_another_size_is_refused_and_the_next_one_is_taken():

@@ -40,7 +40,7 @@ from eulerparams_control.laws.dynamic_control import (
 )
 from eulerparams_control.laws.friction import JointFriction
 from eulerparams_control.laws.hold import JointHold
-from eulerparams_control.laws.inverse import DampedInverse, smallest_singular_value
+from eulerparams_control.laws.inverse import DampedInverse, sigma_min
 from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.orientation import ORIENTATIONS
 from eulerparams_control.laws.rotations import angle_between, exp
@@ -98,7 +98,7 @@ def states(robot, home, count=10, key=0):
         (home + 0.4 * random.uniform(-1, 1, robot.n), random.normal(size=robot.n))
         for _ in range(4 * count)
     ]
-    regular = [p for p in pairs if smallest_singular_value(robot.state(*p).J) > 0.1]
+    regular = [p for p in pairs if sigma_min(robot.state(*p).J, 1.0) > 0.1]
     return regular[:count]
 
 
@@ -661,8 +661,8 @@ def test_a_small_arm_is_damped_and_slowed_where_the_large_one_is(name):
     random, damped = generator(910), 0
     for q in random.uniform(-2.0, 2.0, size=(200, large.n)):
         J_l, J_s = (robot.state(q, np.zeros(robot.n)).J for robot in (large, small))
-        sigma = smallest_singular_value(J_l, large.length)
-        assert smallest_singular_value(J_s, small.length) == pytest.approx(sigma, abs=1e-12)
+        sigma = sigma_min(J_l, large.length)
+        assert sigma_min(J_s, small.length) == pytest.approx(sigma, abs=1e-12)
         damped += sigma < DampedInverse.eps
         v_l, v_s = np.ones(6), np.array([0.25] * 3 + [1.0] * 3)
         dq_l = DampedInverse(length=large.length)(J_l) @ v_l

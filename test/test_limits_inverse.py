@@ -12,7 +12,7 @@ from tolerances import ALGEBRAIC, LIMIT_ROUNDING, RELATIVE, assert_close
 from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.clik import Clik, ClikLaw
-from eulerparams_control.laws.inverse import DampedInverse, smallest_singular_value
+from eulerparams_control.laws.inverse import DampedInverse, sigma_min
 from eulerparams_control.laws.limits import JointLimits, factor_within
 from eulerparams_control.laws.orientation import representation
 from eulerparams_control.laws.scheme import JointCommand
@@ -302,7 +302,7 @@ def test_near_a_singularity_it_is_the_formula_of_the_damped_inverse(columns, sma
 def test_what_is_not_finite_is_not_taken_for_a_singularity_and_no_damping_is_negative():
     for J in (np.full((6, 6), math.nan), np.full((6, 7), math.nan), np.full((6, 4), math.inf)):
         assert not np.isfinite(DampedInverse()(J)).any()
-        assert not math.isfinite(smallest_singular_value(J))
+        assert not math.isfinite(sigma_min(J, 1.0))
     for change in ({"eps": -0.1}, {"lambda_max": -1.0}):
         with pytest.raises(ConfigurationError, match=f"{next(iter(change.values()))}.*expected >="):
             DampedInverse(**change)
@@ -311,10 +311,10 @@ def test_what_is_not_finite_is_not_taken_for_a_singularity_and_no_damping_is_neg
 def test_the_smallest_singular_value_is_that_of_the_jacobian():
     for smallest in np.geomspace(1e-9, 1e-2, 15):
         J = jacobian_with([2.0, 1.5, 1.0, 1.0, 0.5, smallest], 7)
-        assert smallest_singular_value(J) == pytest.approx(smallest, abs=RELATIVE)
+        assert sigma_min(J, 1.0) == pytest.approx(smallest, abs=RELATIVE)
     for columns in (6, 7):
         J = jacobian_with([2.0, 1.5, 1.0, 1.0, 0.5, 0.125], columns)
-        assert smallest_singular_value(J) == pytest.approx(0.125, abs=ALGEBRAIC)
+        assert sigma_min(J, 1.0) == pytest.approx(0.125, abs=ALGEBRAIC)
 
 
 def test_what_is_not_a_number_stays_so_within_limits():

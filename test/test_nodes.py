@@ -42,7 +42,7 @@ from eulerparams_control import events
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.events import Event, events_of
 from eulerparams_control.laws._old.compiled import IS_COMPILED
-from eulerparams_control.laws.inverse import smallest_singular_value
+from eulerparams_control.laws.inverse import sigma_min
 from eulerparams_control.laws.orientation import OrientationRepresentation
 from eulerparams_control.laws.rotations import EulerParameters, angle_between
 from eulerparams_control.messages.from_ros import motion_from_ros, ns_from_ros
@@ -156,7 +156,7 @@ def test_each_state_gets_one_command_in_order_and_pose_error_and_diagnostics_rep
         assert getattr(errors[-1].twist.angular, axis) == pytest.approx(0.0, abs=LAW_IN_A_NODE)
     status = peer.status(node.name, lambda s: "smallest singular value of J" in values(s))
     found = values(status)
-    sigma = smallest_singular_value(MODEL.state(HOME, 0 * HOME).J, MODEL.length)
+    sigma = sigma_min(MODEL.state(HOME, 0 * HOME).J, MODEL.length)
     assert float(found["smallest singular value of J"]) == pytest.approx(sigma, rel=1e-5)
     assert found["inverse of J"] == "exact"
     assert found["orientation"] == "euler_parameters"

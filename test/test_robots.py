@@ -9,7 +9,7 @@ from simulated import Simulated, frames_of
 from tolerances import ROBOTS_DEG, ROBOTS_MM
 
 from eulerparams_control.lab.experiments.definition import load_experiment
-from eulerparams_control.laws.inverse import DampedInverse, smallest_singular_value
+from eulerparams_control.laws.inverse import DampedInverse, sigma_min
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
 from eulerparams_control.laws.rotations import angle_between
 from eulerparams_control.parameters.dynamic_control import DynamicParameters
@@ -31,7 +31,7 @@ each_robot = pytest.mark.parametrize("name", config_names("robots"))
 def test_a_home_is_away_from_singularities_and_limits(name):
     robot, home = robot_named(name)
     state, limits = robot.dynamic_state(home, np.zeros(robot.n)), robot.limits
-    assert smallest_singular_value(state.arm.J, robot.length) > CONDITION * DampedInverse().eps
+    assert sigma_min(state.arm.J, robot.length) > CONDITION * DampedInverse().eps
     assert np.all(home - limits.lower > ROOM)
     assert np.all(limits.upper - home > ROOM)
     assert np.all(np.abs(state.g) < WEIGHT * limits.effort)

@@ -1,6 +1,5 @@
 """Admission of measured states, and the time between them."""
 
-import math
 from collections import deque
 from enum import Enum, auto
 from typing import NamedTuple
@@ -8,20 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.control import judge
-from eulerparams_control.control.clock import (
-    EARLY,
-    SECONDS,
-    Clock,
-    Instant,
-    Latency,
-    NominalPeriod,
-    late,
-    take_step,
-)
+from eulerparams_control.control.clock import Clock, Instant, Latency, NominalPeriod
 from eulerparams_control.control.mode import Why, restarted, too_rare, too_slow
 from eulerparams_control.errors import InvalidMessageError
-from eulerparams_control.laws._old.compiled import NONE
-from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.jit import Array
+from eulerparams_control.laws.limits import NONE
 from eulerparams_control.laws.scheme import Scheme
 from eulerparams_control.robot.robot import Robot
 
@@ -189,12 +179,12 @@ class Admission:
         endless = np.isinf(robot.limits.upper)
         turning = np.logical_and(endless, np.logical_not(robot.is_prismatic))
         # the last state, and the one that is judged, which takes its place where it is taken
-        self._arm, self._last = np.zeros((judge.ROWS, robot.n)), 0
-        self._arm[judge.Q] = q
-        self._arm[judge.FASTEST] = _MOST_SPEED * robot.limits.velocity
-        self._arm[judge.ENDLESS], self._arm[judge.TURNING] = endless, turning
-        self._arm[judge.LIMIT] = math.inf
-        self._latency = Latency(max_latency, self.period.row)
+        self._last, self._this = np.zeros((2, judge.STATE_ROWS, robot.n))
+        self._last[judge.Q] = q
+        self._joints = np.zeros((judge.JOINT_ROWS, robot.n))
+        self._joints[judge.FASTEST] = _MOST_SPEED * robot.limits.velocity
+        self._joints[judge.ENDLESS], self._joints[judge.TURNING] = endless, turning
+        self._latency = Latency(max_latency)
         self._back, self._back_at = 0, 0  # stamps in a row that are behind, and the last [ns]
 
     @property
@@ -221,7 +211,7 @@ class Admission:
             RobotError: if q or dq has not n elements.
         """
         timeout, last, receipt = self._timeout, self.clock.last, at.receipt
-        latency, period, n = self._latency, self.period.row, self._robot.n
+        latency, period, n = self._latency, self.period, self._robot.n
         if len(q) != n or len(dq) != n:
             self._robot.refuse_size(q, dq)
         dt = 0.0 if last is None else (at.stamp - last.stamp) / 1e9
@@ -243,14 +233,15 @@ class Admission:
         goes_on = is_near and silence <= timeout
         is_lost = silence > timeout or (receipt is None and dt > timeout)
         near, is_first = NONE if goes_on or told is None else told, last is None
-        times, self._arm[judge.LIMIT] = (is_near and not is_first, goes_on, is_lost), velocity
-        code = judge.code_of(q, dq, near, self._arm, self._last, dt, *times) & self._believed
+        follows, self._joints[judge.LIMIT] = (is_near and not is_first, goes_on, is_lost), velocity
+        states = self._last, self._this
+        code = judge.code_of(q, dq, near, *states, self._joints, dt, follows) & self._believed
         if code & (judge.FAST | judge.FAR):
             self._refuse_impossible(at, dt, q, dq, code)
         if receipt is not None and (dt != 0 or is_first):
             if dt < 0:
                 latency.forget()
-            delay = late(latency.row, receipt - at.stamp / 1e9, receipt, latency.most, patient)
+            delay = latency.of(at.stamp, receipt, patient=patient)
             if delay > latency.most:
                 self._refuse_late(delay)
         if last is not None and at.stamp == last.stamp:
@@ -260,16 +251,16 @@ class Admission:
                 self.conflicts.append(at.seconds)
             return Accept(q, code | judge.AGAIN, 0.0, silence, 0.0, 0.0, False, None)
         if code & judge.WOUND:
-            q = self._positions(1 - self._last).copy()
-        usual, restart = period.item(SECONDS), None
-        take_step(period, dt)
+            q = self._this[judge.Q].copy()
+        usual, restart = period.seconds, None
+        period.take(dt)
         if not goes_on:
             restart, dt = self._restart(at, dt, silence, usual, code), 0.0
         acted, lost, leapt = dt, 0.0, 0.0
         if receipt is not None:
             acted = dt if 0 < dt < silence else silence
             # by how much more the stamps went on than time, lost and late states apart
-            early, usual_now = latency.row.item(EARLY), period.item(SECONDS)
+            early, usual_now = latency.early, period.seconds
             if is_set_back:
                 leapt = dt - silence
             elif 0 < usual_now < 2 * early:
@@ -283,10 +274,6 @@ class Admission:
                 lost = dt - min(longest, max(silence, usual))
         return Accept(q, code, dt, acted, lost, leapt, is_first, restart)
 
-    def _positions(self, state: int) -> Array:
-        """Return the positions (n,) of one of the two states."""
-        return self._arm[judge.STATE * state + judge.Q]
-
     def take(self, at: Instant | None) -> None:
         """Take the state for the last one; what it brings about has happened.
 
@@ -297,7 +284,7 @@ class Admission:
         if self._back >= _SET_BACK or (at and last and at.stamp < last.stamp):
             self.set_backs += 1
         self.clock.last, self._back = at, 0
-        self._last = 1 - self._last
+        self._last, self._this = self._this, self._last
 
     def _restart(self, at: Instant, dt: float, silence: float, usual: float, code: int) -> Restart:
         """Return what happened before a state whose stamp is dt [s] after the last one."""
@@ -319,7 +306,7 @@ class Admission:
                 f"the joint {robot.joints[i]} moves at {dq[i]:.3g} rad/s, more than "
                 f"{_MOST_SPEED:g} times its limit"
             )
-        way = robot.limits.deviation(q, self._positions(self._last))[i]
+        way = robot.limits.deviation(q, self._last[judge.Q])[i]
         self.conflicts.append(at.seconds)
         raise InvalidMessageError(
             f"the joint {robot.joints[i]} jumps by {way:.3g} rad within {dt:g} s"

@@ -10,10 +10,6 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-import numpy as np
-
-from eulerparams_control.laws._old.compiled import Array, Row, entry, kernel
-
 # Number of steps after which a period is known, and after which its lower bound is; the factor of
 # jitter of that bound; and the part of the difference by which a period follows further steps.
 _FIRST, _FEW, _JITTER, _SMOOTHING = 9, 3, 1.5, 0.02
@@ -32,13 +28,6 @@ _PATIENCE, _PAUSE = 1.0, 0.2
 # Efforts tolerate no delay: for them the lateness has to last for the first time [s], and to be
 # constant within the second [s].  That of a clock is; that of an overloaded network is not.
 _LONG_PATIENCE, _STEADY = 10.0, 0.02
-
-# A row of clocks: of a period, with its first steps, then of a latency: the least that a state was
-# behind, when one came last, since when they are late, and the least and the most that they were
-# behind since.
-SECONDS, _LEAST, _MISSED, _COUNT, _STEPS = range(5)
-_BEST, EARLY, _AT, _SINCE, _LOW, _HIGH = range(_STEPS + _FIRST, _STEPS + _FIRST + 6)
-CLOCKS = _HIGH + 1
 
 
 class SteadyClock:
@@ -116,57 +105,32 @@ class NominalPeriod:
     """The usual time between two states, whatever is lost or late.
 
     Attributes:
-        row: (CLOCKS,) of :func:`take_step`.
+        seconds: [s] by the stamps; 0 until it is known.
+        least: [s] it is no shorter than that; 0 while nothing is known.
+        missed: states that never came: gaps in their stamps, in usual periods.
     """
 
     def __init__(self) -> None:
-        self.row = np.zeros(CLOCKS)
-
-    @property
-    def seconds(self) -> float:
-        """[s] by the stamps; 0 until it is known."""
-        return self.row.item(SECONDS)
-
-    @property
-    def least(self) -> float:
-        """[s] it is no shorter than that; 0 while nothing is known."""
-        return self.row.item(_LEAST)
-
-    @property
-    def missed(self) -> int:
-        """States that never came: gaps in their stamps, in usual periods."""
-        return int(self.row.item(_MISSED))
+        self.seconds = self.least = 0.0
+        self.missed = 0
+        self._steps: list[float] = []  # the first ones
 
     def take(self, step: float) -> None:
-        """Take a step [s] of the stamps."""
-        take_step(self.row, step)
-
-
-@kernel
-def smoothed(usual: float, step: float) -> float:
-    """Return the usual period [s] after another step [s]."""
-    step = min(max(step, usual / 2.0), 2.0 * usual)
-    return usual + _SMOOTHING * (step - usual)
-
-
-@entry
-def take_step(row: Row, step: float) -> None:
-    """Let a period follow a step [s] of the stamps."""
-    if not 0.0 < step < _LONGEST_PERIOD:
-        return
-    count = int(row[_COUNT])
-    if count < _FIRST:
-        row[_STEPS + count], row[_COUNT] = step, count + 1
-        steps = np.sort(row[_STEPS : _STEPS + count + 1])
-        if count + 1 == _FIRST:
-            row[SECONDS] = row[_LEAST] = steps[_FIRST // 2]
-        elif count + 1 >= _FEW:
-            row[_LEAST] = steps[0] / _JITTER
-        return
-    usual = row[SECONDS]
-    if 1.5 * usual <= step < _LONGEST_LOSS:
-        row[_MISSED] += np.rint(step / usual) - 1.0
-    row[SECONDS] = row[_LEAST] = smoothed(usual, step)
+        """Follow a step [s] of the stamps."""
+        if not 0.0 < step < _LONGEST_PERIOD:
+            return
+        if len(self._steps) < _FIRST:
+            self._steps = sorted([*self._steps, step])
+            if len(self._steps) == _FIRST:
+                self.seconds = self.least = self._steps[_FIRST // 2]
+            elif len(self._steps) >= _FEW:
+                self.least = self._steps[0] / _JITTER
+            return
+        usual = self.seconds
+        if 1.5 * usual <= step < _LONGEST_LOSS:
+            self.missed += round(step / usual) - 1
+        step = min(max(step, usual / 2.0), 2.0 * usual)
+        self.seconds = self.least = usual + _SMOOTHING * (step - usual)
 
 
 class Latency:
@@ -178,16 +142,22 @@ class Latency:
 
     Args:
         most: [s] by which a state may be later than the best one.
-        row: (CLOCKS,) of :func:`late`, which may be that of a period; None is a new one.
+
+    Attributes:
+        early: [s] by which the last state was earlier than the best one before: stamps that go on
+            alone make it so, but not those of a state that follows on late ones.
     """
 
-    def __init__(self, most: float, row: Array | None = None) -> None:
-        self.most, self.row = most, np.zeros(CLOCKS) if row is None else row
+    def __init__(self, most: float) -> None:
+        self.most = most
         self.forget()
 
     def forget(self) -> None:
         """Start again: another clock makes the stamps."""
-        self.row[_BEST:] = math.nan, 0.0, 0.0, 0.0, math.inf, -math.inf
+        self.early = 0.0
+        self._best, self._at = math.nan, 0.0  # the least that a state was behind; the last receipt
+        # since when states are late, and the least and the most that they were behind since
+        self._since, self._low, self._high = 0.0, math.inf, -math.inf
 
     def of(self, t: int, now: float, *, patient: bool) -> float:
         """Return how late [s] the state stamped t [ns] is that comes at ``now`` [s].
@@ -197,35 +167,20 @@ class Latency:
             now: when it came, steady clock [s].
             patient: whether states that stay late are accepted in the end.
         """
-        return late(self.row, now - t / 1e9, now, self.most, patient)
-
-
-@kernel
-def best_at(row: Row, now: float) -> float:
-    """Return what the best state would be behind at ``now`` [s]; NaN if there is none."""
-    best: float = row[_BEST] + _DRIFT * (now - row[_AT])
-    return best
-
-
-@entry
-def late(row: Row, behind: float, now: float, most: float, patient: bool) -> float:
-    """Return how late [s] a state is that came at ``now`` [s], so far behind the steady clock.
-
-    EARLY in the row is then by how much [s] it was earlier than the best one before: stamps that
-    go on alone make it so, but not those of a state that follows on late ones.
-    """
-    if math.isnan(row[_BEST]):
-        row[_BEST], row[_AT] = behind, now
-    pause, best = now - row[_AT], best_at(row, now)
-    row[_BEST], row[EARLY], row[_AT] = min(behind, best), max(best - behind, 0.0), now
-    by = behind - row[_BEST]
-    if by <= most or pause > _PAUSE:
-        row[_SINCE], row[_LOW], row[_HIGH] = now, math.inf, -math.inf
+        behind = now - t / 1e9
+        if math.isnan(self._best):
+            self._best, self._at = behind, now
+        pause = now - self._at
+        best = self._best + _DRIFT * pause
+        self._best, self.early, self._at = min(behind, best), max(best - behind, 0.0), now
+        by = behind - self._best
+        if by <= self.most or pause > _PAUSE:
+            self._since, self._low, self._high = now, math.inf, -math.inf
+            return by
+        self._low, self._high = min(self._low, behind), max(self._high, behind)
+        if not patient and self._high - self._low > _STEADY:
+            self._since, self._low, self._high = now, behind, behind
+        elif now - self._since > (_PATIENCE if patient else _LONG_PATIENCE):
+            self._best = self._low
+            return behind - self._low
         return by
-    row[_LOW], row[_HIGH] = min(row[_LOW], behind), max(row[_HIGH], behind)
-    if not patient and row[_HIGH] - row[_LOW] > _STEADY:
-        row[_SINCE], row[_LOW], row[_HIGH] = now, behind, behind
-    elif now - row[_SINCE] > (_PATIENCE if patient else _LONG_PATIENCE):
-        row[_BEST] = row[_LOW]
-        return behind - row[_LOW]
-    return by

@@ -3,7 +3,7 @@
 The laws keep the limits by themselves, in their own way; the limiter does not know them.  It
 bounds whatever they, or a defect in them, ask for, also over a restart.
 
-What a command has is rows of n floats; one that it has not is empty.
+A part that a command has not is an empty array for the primitives.
 """
 
 import math
@@ -11,9 +11,18 @@ import math
 import numpy as np
 
 from eulerparams_control.errors import UnsafeCommandError
-from eulerparams_control.laws._old.compiled import NONE, Input, Rows, entry, kernel
-from eulerparams_control.laws.limits import SHORTEST, JointLimits, clip, difference
-from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.jit import (
+    Array,
+    b1,
+    f8,
+    i8,
+    jit,
+    new_matrix,
+    new_vector,
+    types,
+    vector,
+)
+from eulerparams_control.laws.limits import NONE, SHORTEST, JointLimits, clip, difference
 from eulerparams_control.laws.scheme import JointCommand
 
 # A position that lags behind its command chases it at this rate [1/s].
@@ -25,11 +34,11 @@ _ROUNDING = 5e-13
 # No acceleration is larger [rad/s^2 or m/s^2]; no time shorter [s].
 _STEEP, _TINY = 1e9, 1e-300
 
-# Rows of the joints: their limits, whether one is not where it is to be, how far its last step led
-# it, and a command within its bounds.  Codes: what is changed of a command, and what is not finite.
-_LOWER, _UPPER, _VELOCITY, _EFFORT, _ACCELERATION, _RATE, _LAGS, _LED, _SAFE = range(9)
-_ROWS, _LIMITS, _KNOWN = _SAFE + 3, slice(_RATE), slice(_LAGS, _SAFE)
-_PARTS, _INFINITE = ("q", "dq", "effort"), (8, 16, 32)
+# Rows of the joints: their limits, whether one is not where it is to be, and how far its last step
+# led it.  Codes: what is changed of a command, and what is not finite.
+_LOWER, _UPPER, _VELOCITY, _EFFORT, _ACCELERATION, _RATE, _LAGS, _LED = range(8)
+_ROWS, _LIMITS, _KNOWN = _LED + 1, slice(_RATE), slice(_LAGS, _LED + 1)
+_PARTS, _CHANGED, _INFINITE = ("q", "dq", "effort"), (1, 2, 4), (8, 16, 32)
 
 
 class CommandLimiter:
@@ -70,7 +79,7 @@ class CommandLimiter:
 
     def forget(self) -> None:
         """Start again: no command acts any more."""
-        self._last: tuple[Array, Array, Array] = NONE, NONE, NONE
+        self._last: list[Array] = [NONE, NONE, NONE]  # q, dq and effort
         self._joints[_KNOWN] = 0.0
         self.commands_efforts = False
 
@@ -89,34 +98,37 @@ class CommandLimiter:
             UnsafeCommandError: if a value is not finite; the command before still counts then.
         """
         q_c, dq, effort, frame = command
-        rows = (
-            NONE if q_c is None else q_c,
-            NONE if dq is None else dq,
-            NONE if effort is None else effort,
-        )
+        asked = [NONE if part is None else part for part in (q_c, dq, effort)]
         if frame is not None and not _is_finite(np.concatenate(frame, axis=None)):
             raise UnsafeCommandError("the command has a compliant frame that is not finite")
         (q_0, dq_0, effort_0), joints, code = self._last, self._joints, 0
+        safe_q = safe_dq = safe_effort = NONE
         if effort is not None:
-            code = _bounded_effort(effort, effort_0, joints, elapsed)
+            safe_effort, code = _bounded_effort(effort, effort_0, joints, elapsed)
         if q_c is not None or dq is not None:
-            code |= _bounded_motion(rows[0], rows[1], q_0, dq_0, q, joints, elapsed, dt)
+            safe_q, safe_dq, changes = _bounded_motion(
+                asked[0], asked[1], q_0, dq_0, q, joints, elapsed, dt
+            )
+            code |= changes
         if code:
-            for part, row, bit in zip(_PARTS, rows, _INFINITE, strict=True):
+            for part, values, bit in zip(_PARTS, asked, _INFINITE, strict=True):
                 if code & bit:
-                    raise UnsafeCommandError(f"the command has a non-finite {part}: {row.tolist()}")
+                    raise UnsafeCommandError(
+                        f"the command has a non-finite {part}: {values.tolist()}"
+                    )
             self.bounded += 1
-            safe = joints[_SAFE:]
-            kept = [safe[k].copy() if code & 1 << k else row for k, row in enumerate(rows)]
-            rows = kept[0], kept[1], kept[2]
-            q_c, dq, effort = (row if len(row) else None for row in rows)
+            for k, safe in enumerate((safe_q, safe_dq, safe_effort)):
+                if code & _CHANGED[k]:
+                    asked[k] = safe
+            q_c, dq, effort = (values if len(values) else None for values in asked)
             command = JointCommand(q_c, dq, effort, frame)
-        self._last, self.commands_efforts = rows, effort is not None
+        self._last = asked
+        self.commands_efforts = effort is not None
         return command
 
 
-@entry
-def _is_finite(row: Input) -> bool:
+@jit(b1(vector))
+def _is_finite(row: Array) -> bool:
     """Return whether all numbers of a row are finite."""
     total = 0.0
     for value in row:
@@ -124,7 +136,7 @@ def _is_finite(row: Input) -> bool:
     return math.isfinite(total)
 
 
-@kernel
+@jit(f8(i8, vector, vector, vector, vector, f8, new_matrix, f8, f8))
 def _position(
     i: int, q_c: Array, dq: Array, q_0: Array, dq_0: Array, q: float,
     joints: Array, elapsed: float, lasted: float,
@@ -155,7 +167,7 @@ def _position(
     return clip(q_0[i] + step, low, high)
 
 
-@kernel
+@jit(f8(i8, f8, f8, f8, new_matrix, f8))
 def _velocity(i: int, dq: float, before: float, lag: float, joints: Array, lasted: float) -> float:
     """Return dq of a joint where the velocity until now, ``before``, can have come to.
 
@@ -171,40 +183,46 @@ def _velocity(i: int, dq: float, before: float, lag: float, joints: Array, laste
     return clip(clip(dq, before - change, before + change), -most, most)
 
 
-@entry
-def _bounded_effort(effort: Input, effort_0: Input, joints: Rows, elapsed: float) -> int:
-    """Fill the efforts within their bounds, and return what changed: see ``_bounded_motion``.
+@jit(types.Tuple((new_vector, i8))(vector, vector, new_matrix, f8))
+def _bounded_effort(
+    effort: Array, effort_0: Array, joints: Array, elapsed: float
+) -> tuple[Array, int]:
+    """Return the efforts within their bounds, and what changed: see ``_bounded_motion``.
 
     Limits are kept joint by joint; then one factor shortens the change of all.
     """
     code, n, factor, time = 0, joints.shape[1], 1.0, max(elapsed, _TINY)
+    safe = np.empty(n)
     for i in range(len(effort)):
         if not math.isfinite(effort[i]):
-            return 32
+            return safe, 32
     for i in range(n):
         most = joints[_EFFORT, i]
         if len(effort_0):  # the limit may have been lowered since
             most = max(most, abs(effort_0[i]) - joints[_RATE, i] * time)
-        joints[_SAFE + 2, i] = clip(effort[i], -most, most)
+        safe[i] = clip(effort[i], -most, most)
     for i in range(n if len(effort_0) else 0):
-        reach, step = joints[_RATE, i] * time, abs(joints[_SAFE + 2, i] - effort_0[i])
+        reach, step = joints[_RATE, i] * time, abs(safe[i] - effort_0[i])
         if step > reach + _ROUNDING:
             factor = min(factor, reach / step)
     for i in range(n):
-        safe = joints[_SAFE + 2, i]
         if factor < 1.0:
-            joints[_SAFE + 2, i] = safe = effort_0[i] + factor * (safe - effort_0[i])
-        code |= 4 if safe != effort[i] else 0
-        code |= 0 if math.isfinite(safe) else 32
-    return code
+            safe[i] = effort_0[i] + factor * (safe[i] - effort_0[i])
+        code |= 4 if safe[i] != effort[i] else 0
+        code |= 0 if math.isfinite(safe[i]) else 32
+    return safe, code
 
 
-@entry
+@jit(
+    types.Tuple((new_vector, new_vector, i8))(
+        vector, vector, vector, vector, vector, new_matrix, f8, f8
+    )
+)
 def _bounded_motion(
-    q_c: Input, dq: Input, q_0: Input, dq_0: Input, q: Input, joints: Rows,
+    q_c: Array, dq: Array, q_0: Array, dq_0: Array, q: Array, joints: Array,
     elapsed: float, dt: float,
-) -> int:  # fmt: skip
-    """Fill the motion within its bounds, and return what changed, as a code.
+) -> tuple[Array, Array, int]:  # fmt: skip
+    """Return q and dq within their bounds, and what changed, as a code.
 
     Args:
         q_c, dq: (n,) of the command; a part that it has not is empty.
@@ -214,20 +232,21 @@ def _bounded_motion(
         elapsed, dt: [s] as the limiter is given them.
     """
     code, lasted = 0, dt if dt > 0 else (elapsed if elapsed > 0 else SHORTEST)
+    safe_q, safe_dq = np.empty(joints.shape[1]), np.empty(joints.shape[1])
     for i in range(max(len(q_c), len(dq))):
         code |= 8 if len(q_c) and not math.isfinite(q_c[i]) else 0
         code |= 16 if len(dq) and not math.isfinite(dq[i]) else 0
     for i in range(0 if code else joints.shape[1]):
         lag = 0.0
         if len(q_c):
-            joints[_SAFE, i] = _position(i, q_c, dq, q_0, dq_0, q[i], joints, elapsed, lasted)
-            if joints[_SAFE, i] != q_c[i]:
+            safe_q[i] = _position(i, q_c, dq, q_0, dq_0, q[i], joints, elapsed, lasted)
+            if safe_q[i] != q_c[i]:
                 code |= 1
-                lag = difference(q_c[i], joints[_SAFE, i], math.isinf(joints[_UPPER, i]))
-            code |= 0 if math.isfinite(joints[_SAFE, i]) else 8
+                lag = difference(q_c[i], safe_q[i], math.isinf(joints[_UPPER, i]))
+            code |= 0 if math.isfinite(safe_q[i]) else 8
         if len(dq):
             before = dq_0[i] if len(dq_0) else 0.0
-            joints[_SAFE + 1, i] = _velocity(i, dq[i], before, lag, joints, lasted)
-            code |= 2 if joints[_SAFE + 1, i] != dq[i] else 0
-            code |= 0 if math.isfinite(joints[_SAFE + 1, i]) else 16
-    return code
+            safe_dq[i] = _velocity(i, dq[i], before, lag, joints, lasted)
+            code |= 2 if safe_dq[i] != dq[i] else 0
+            code |= 0 if math.isfinite(safe_dq[i]) else 16
+    return safe_q, safe_dq, code

@@ -5,7 +5,6 @@ or an image does it at once.
 """
 
 import argparse
-import importlib
 import sys
 import time
 
@@ -30,9 +29,6 @@ from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
 
-# Compiled when it is imported, by a room above this one.
-_READING = "eulerparams_control.messages.joint_bytes"
-
 # What recordings are analysed with.
 _MAPPED = (angle_between, exp, log, matrix, quaternion, rotation_vector, extract, pole_distance)
 
@@ -51,7 +47,6 @@ def main(args: list[str] | None = None) -> int:
     displacements = (representation(name).laws.displacement for name in ORIENTATIONS)
     elastic = (getattr(representation(name), "elastic", None) for name in asked.orientations)
     energies = (each.energy for each in elastic if each is not None)
-    importlib.import_module(_READING)
     for formula in (*_MAPPED, *displacements, *energies):
         formula.prepare()
     state = robot.state(home, np.zeros_like(home))

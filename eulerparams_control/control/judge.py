@@ -1,28 +1,29 @@
 """Checks of the numbers of a state, in one compiled call; the words for them are elsewhere.
 
-An arm, its last state and the one that is judged are one table of n columns, of which the rows are
-named below.  What is asked of a state is a bit of the code that :func:`code_of` returns.
+The joints of an arm, and a state of it, are tables of n columns, of which the rows are named below.
+What is asked of a state is a bit of the code that :func:`code_of` returns.
 """
 
 import math
 
 import numpy as np
 
-from eulerparams_control.laws._old.compiled import Input, Rows, entry, kernel
+from eulerparams_control.laws.jit import Array, b1, f8, i8, jit, matrix, new_matrix, types, vector
 from eulerparams_control.laws.limits import difference
 
 Q, DQ, UNMOVED, TURNS, WRAPS = range(5)
 """Rows of a state: positions and speeds, how far [rad or m] positions that stay should be, whole
 turns that were added to what the driver says, and whether it was seen to jump by a turn."""
 
-STATE = WRAPS + 1
+STATE_ROWS = WRAPS + 1
 """How many rows a state has."""
 
-FASTEST, ENDLESS, TURNING, LIMIT = range(2 * STATE, 2 * STATE + 4)
-"""Rows of an arm, behind its two states: speeds that no joint has, which ones have no limit, which
-of these turn; and the limits of the speeds of one that may run away, or infinity."""
+FASTEST, ENDLESS, TURNING, LIMIT = range(4)
+"""Rows of the joints: speeds that none has, which ones have no limit, which of these turn; and the
+limits of the speeds of one that may run away, or infinity."""
 
-ROWS = LIMIT + 1
+JOINT_ROWS = LIMIT + 1
+"""How many rows the joints have."""
 
 SAME, AGAIN, FAST, FAR, MOVED, FROZEN, RUNS, SWINGS, WOUND = (1 << bit for bit in range(9))
 """Codes: the state is the last one, or has its stamp; a joint, whose number is above all codes, is
@@ -54,40 +55,47 @@ _SAME_ARM = 0.03
 RUNAWAY, SWINGING, _SLOW = 1.5, 0.5, 0.1
 
 
-@kernel
+@jit(f8(f8, f8, f8))
 def runaway(dq: float, most: float, limit: float) -> float:
     """Return by how much a joint is too fast under efforts, ``most`` times its limit; 0: not."""
     return max(abs(dq) - max(most * limit, _SLOW), 0.0)
 
 
-@entry
+@jit(i8(vector, vector, vector, matrix, new_matrix, matrix, f8, types.UniTuple(b1, 3)))
 def code_of(
-    q: Input, dq: Input, near: Input, arm: Rows, last: int,
-    dt: float, is_next: bool, goes_on: bool, is_lost: bool,
-) -> int:  # fmt: skip
+    q: Array,
+    dq: Array,
+    near: Array,
+    before: Array,
+    now: Array,
+    joints: Array,
+    dt: float,
+    follows: tuple[bool, bool, bool],
+) -> int:
     """Fill the state that was measured, and return what it says, as a code.
 
     Args:
         q, dq: (n,) as they came.
         near: (n,) where joints that turn are nearest to; none: to the last state.
-        arm: its rows.
-        last: which of its two states was the last one, 0 or 1; this one is the other.
+        before: (STATE_ROWS, n) the last state.
+        now: (STATE_ROWS, n) is filled with this one.
+        joints: (JOINT_ROWS, n).
         dt: [s] after the last state, by the stamps.
-        is_next: whether there is one, and ``dt`` is short enough to compare with it.
-        goes_on: whether there was no silence, either.
-        is_lost: whether the driver may have lost its count of turns.  Then a joint that was never
-            seen to jump by a turn is where it says it is: a command a turn away would move it.
+        follows: whether there is a last state, and ``dt`` is short enough to compare with it;
+            whether there was no silence, either; and whether the driver may have lost its count of
+            turns.  Then a joint that was never seen to jump by a turn is where it says it is: a
+            command a turn away would move it.
     """
-    code, stays, at = SAME, True, STATE if last else 0
-    before, now = arm[at : at + STATE], arm[STATE - at : 2 * STATE - at]
+    code, stays = SAME, True
+    is_next, goes_on, is_lost = follows
     for i in range(len(q)):
-        way = abs(difference(q[i], before[Q, i], arm[ENDLESS, i] != 0.0))
-        if abs(dq[i]) > arm[FASTEST, i] and not code & FAST:
+        way = abs(difference(q[i], before[Q, i], joints[ENDLESS, i] != 0.0))
+        if abs(dq[i]) > joints[FASTEST, i] and not code & FAST:
             code = code & ((1 << JOINT) - 1) | FAST | i << JOINT
-        if is_next and way > _MOST_ASTRAY + dt * arm[FASTEST, i] and not code & (FAST | FAR):
+        if is_next and way > _MOST_ASTRAY + dt * joints[FASTEST, i] and not code & (FAST | FAR):
             code |= FAR | i << JOINT
         turns, wraps = 0.0, before[WRAPS, i]
-        if arm[TURNING, i]:
+        if joints[TURNING, i]:
             place = near[i] if len(near) else before[Q, i]
             turns = np.rint((place - q[i]) / (2 * math.pi))
             if is_lost and not wraps:
@@ -99,12 +107,12 @@ def code_of(
             now[Q, i] += 2 * math.pi * turns
             code |= WOUND
         stays = stays and now[Q, i] == before[Q, i]
-        if abs(difference(now[Q, i], before[Q, i], arm[ENDLESS, i] != 0.0)) > _SAME_ARM:
+        if abs(difference(now[Q, i], before[Q, i], joints[ENDLESS, i] != 0.0)) > _SAME_ARM:
             code |= MOVED
         if not (stays and dq[i] == before[DQ, i]):
             code &= ~SAME
-        if runaway(dq[i], SWINGING, arm[LIMIT, i]):
-            code |= SWINGS | (RUNS if runaway(dq[i], RUNAWAY, arm[LIMIT, i]) else 0)
+        if runaway(dq[i], SWINGING, joints[LIMIT, i]):
+            code |= SWINGS | (RUNS if runaway(dq[i], RUNAWAY, joints[LIMIT, i]) else 0)
     for i in range(len(q)):
         now[UNMOVED, i] = before[UNMOVED, i] if stays else 0.0
         if stays and goes_on and abs(dq[i]) > AT_REST:

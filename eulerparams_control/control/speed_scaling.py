@@ -16,12 +16,9 @@ Notation: ``sigma`` smallest singular value of J, ``s`` pace.
 import math
 from enum import IntEnum
 
-import numpy as np
-
-from eulerparams_control.laws._old.compiled import NONE, Input, Inputs, Row, Rows, entry, kernel
 from eulerparams_control.laws.inverse import sigma_min
-from eulerparams_control.laws.limits import POSITION_RATE, UNLIMITED, JointLimits
-from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.jit import Array, f8, i8, jit, types, vector
+from eulerparams_control.laws.limits import POSITION_RATE, JointLimits
 from eulerparams_control.motion.motion_limits import MotionLimits
 
 LEAST = 0.1
@@ -35,7 +32,7 @@ LOOK = 0.005
 
 # Inside a singularity sigma is below this part of the threshold; a change of it by less than the
 # other part, relative to the threshold, is none.
-_INSIDE, _SAME = 0.25, 1e-6
+_INNER, _SAME = 0.25, 1e-6
 
 # Towards a singularity the tip comes to rest with this time constant [s], at last.
 _STOP_TIME = 0.2
@@ -43,10 +40,6 @@ _STOP_TIME = 0.2
 # A joint slower than this [rad/s, m/s] approaches nothing; within this distance [rad, m] of its
 # limit it is there, and within the other one it is near.
 _SLOW, _AT_LIMIT, _NEAR_LIMIT = 1e-3, 0.01, 0.1
-
-# Rows of the limits, and the row of the pace.
-_LOWER, _UPPER, _VELOCITY = range(3)
-_WANTED, _SIGMA, _SINGULARITY, _LIMIT, _JOINT = range(5)
 
 
 class Nearness(IntEnum):
@@ -58,7 +51,7 @@ class Nearness(IntEnum):
     LEAVING = 3
 
 
-_CLEAR, _APPROACHES, _IS_INSIDE, _LEAVES = (float(near) for near in Nearness)
+_CLEAR, _APPROACHING, _INSIDE, _LEAVING = map(int, Nearness)
 
 
 class SpeedScaling:
@@ -73,6 +66,9 @@ class SpeedScaling:
     Attributes:
         wanted: s, from ``LEAST`` to 1; from ``CREEP`` for the limits of the speeds.
         since: [s] since the arm was looked at; it is due again after ``LOOK``.
+        singularity: how near the arm is to a kinematic singularity.
+        limit: how near it is to a limit of a joint.
+        joint: the index of that joint.
     """
 
     def __init__(
@@ -89,7 +85,9 @@ class SpeedScaling:
     def forget(self) -> None:
         """Start again, at full pace."""
         self.wanted, self.since = 1.0, LOOK
-        self._row = np.array([1.0, math.nan, _CLEAR, _CLEAR, 0.0])
+        self.singularity = self.limit = Nearness.CLEAR
+        self.joint = 0
+        self._sigma = math.nan
 
     def update(self, now: float, q: Array, dq: Array, J: Array) -> None:
         """Choose the pace for the steps until it is due again.
@@ -99,45 +97,38 @@ class SpeedScaling:
             q, dq: (n,) positions and velocities at which the loop is closed.
             J: (6, n) there.
         """
-        limits = UNLIMITED if self.limits is None else self.limits.rows
-        most = NONE if self.motion is None else self.motion.row
-        look(now, self.since, q, dq, J, self.threshold, self._length, limits, most, self._row)
-        self.wanted, self.since = self._row.item(_WANTED), 0.0
-
-    @property
-    def singularity(self) -> Nearness:
-        """How near the arm is to a kinematic singularity."""
-        return Nearness(int(self._row[_SINGULARITY]))
-
-    @property
-    def limit(self) -> Nearness:
-        """How near it is to a limit of a joint."""
-        return Nearness(int(self._row[_LIMIT]))
-
-    @property
-    def joint(self) -> int:
-        """The index of the joint that is near its limit."""
-        return int(self._row[_JOINT])
+        sigma, before, threshold = sigma_min(J, self._length), self._sigma, self.threshold
+        near, pace = _nearness(sigma, before, threshold, self.singularity), 1.0
+        if near is not Nearness.CLEAR:
+            ratio = sigma / threshold
+            pace = min(1.0, max(LEAST, 2.0 * ratio if near is Nearness.LEAVING else ratio))
+        if self.motion is not None and sigma < before and threshold > 0.0:
+            left, v = sigma * self.since / (before - sigma), J @ dq
+            for v_part, a in zip((v[:3], v[3:]), self.motion.accelerations, strict=True):
+                braked = _by_braking(now, left, math.sqrt(v_part @ v_part), a)
+                pace = min(pace, max(LEAST, braked))
+        self.limit = Nearness.CLEAR
+        if self.limits is not None:
+            lower, upper, velocity = self.limits.lower, self.limits.upper, self.limits.velocity
+            slower, limit, self.joint = _pace_of_limits(now, q, dq, lower, upper, velocity)
+            pace, self.limit = min(pace, slower), Nearness(limit)
+        self._sigma, self.singularity = sigma, near
+        self.wanted, self.since = pace, 0.0
 
 
-# --- the formulas ---------------------------------------------------------------------------
-
-
-@kernel
-def _nearness(sigma: float, before: float, threshold: float, was: float) -> float:
+def _nearness(sigma: float, before: float, threshold: float, was: Nearness) -> Nearness:
     """Return how near a singularity is; ``before`` is NaN, or sigma at the last look."""
     if sigma >= threshold:
-        return _CLEAR
-    if sigma < _INSIDE * threshold:
-        return _IS_INSIDE
+        return Nearness.CLEAR
+    if sigma < _INNER * threshold:
+        return Nearness.INSIDE
     if math.isnan(before) or sigma < before - _SAME * threshold:
-        return _APPROACHES
+        return Nearness.APPROACHING
     if sigma > before + _SAME * threshold:
-        return _LEAVES
-    return _APPROACHES if was == _CLEAR else was
+        return Nearness.LEAVING
+    return Nearness.APPROACHING if was is Nearness.CLEAR else was
 
 
-@kernel
 def _by_braking(now: float, left: float, v: float, a: float) -> float:
     """Return the pace at which a part of the tip, at the speed v, stops before a singularity.
 
@@ -152,70 +143,31 @@ def _by_braking(now: float, left: float, v: float, a: float) -> float:
     return now * bearable / v
 
 
-@kernel
-def _pace_of_limits(now: float, q: Input, dq: Input, limits: Rows, near: Row) -> float:
-    """Return the pace for limits of the joints; fill ``near`` (2,): how near which joint is."""
+@jit(types.Tuple((f8, i8, i8))(f8, vector, vector, vector, vector, vector))
+def _pace_of_limits(
+    now: float, q: Array, dq: Array, lower: Array, upper: Array, velocity: Array
+) -> tuple[float, int, int]:
+    """Return the pace for limits of the joints, and how near which joint is."""
     first, ratio, by_speed, fastest, nearest, least = 0, math.inf, math.inf, 0.0, 0, math.inf
+    leaves = False
     for i in range(len(q)):
-        below, above, speed = q[i] - limits[_LOWER, i], limits[_UPPER, i] - q[i], abs(dq[i])
+        below, above, speed = q[i] - lower[i], upper[i] - q[i], abs(dq[i])
         room, ahead = min(above, below), above if dq[i] > 0 else below
         rate = POSITION_RATE * max(ahead, 0.0) / max(speed, _SLOW)
         if rate < ratio:
             first, ratio = i, rate
         if room < least:
             nearest, least, leaves = i, room, ahead > room and speed > _SLOW
-        by_speed = min(by_speed, limits[_VELOCITY, i] / max(speed, _SLOW))
+        by_speed = min(by_speed, velocity[i] / max(speed, _SLOW))
         fastest = max(fastest, speed)
-    near[0], near[1] = _CLEAR, nearest
+    near, joint = _CLEAR, nearest
     if least < _AT_LIMIT:
-        near[0] = _IS_INSIDE
+        near = _INSIDE
     elif abs(dq[first]) > _SLOW and ratio < 1:
-        near[0], near[1] = _APPROACHES, first
+        near, joint = _APPROACHING, first
     elif least < _NEAR_LIMIT and leaves:
-        near[0] = _LEAVES
+        near = _LEAVING
     if fastest <= _SLOW:
-        return 1.0
+        return 1.0, near, joint
     by_position = max(LEAST, now * ratio) if abs(dq[first]) > _SLOW else 1.0
-    pace: float = min(1.0, min(by_position, max(CREEP, now * by_speed)))
-    return pace
-
-
-@entry
-def look(
-    now: float, since: float, q: Input, dq: Input, J: Inputs, threshold: float, length: float,
-    limits: Rows, most: Input, row: Row,
-) -> None:  # fmt: skip
-    """Fill the row of the pace: what is wanted, and how near the arm is to what.
-
-    Args:
-        now: s.
-        since: [s] since the last look.
-        q, dq, J: of the arm.
-        threshold, length: of sigma.
-        limits: rows of the joints, or none.
-        most: limits of the tip, as :attr:`MotionLimits.row`; none: it does not brake.
-        row: is filled.
-    """
-    sigma, before, left, pace = sigma_min(J, length), row[_SIGMA], math.inf, 1.0
-    if sigma < before and threshold > 0.0:
-        left = sigma * since / (before - sigma)
-    near = _nearness(sigma, before, threshold, row[_SINGULARITY])
-    row[_SIGMA], row[_SINGULARITY] = sigma, near
-    if near != _CLEAR:
-        ratio = sigma / threshold
-        pace = min(1.0, max(LEAST, 2.0 * ratio if near == _LEAVES else ratio))
-    if len(most) > 0 and left < math.inf:
-        braked = 1.0
-        for part in range(2):
-            square = 0.0
-            for i in range(3 * part, 3 * part + 3):
-                v = 0.0
-                for k in range(len(dq)):
-                    v += J[i, k] * dq[k]
-                square += v * v
-            braked = min(braked, _by_braking(now, left, math.sqrt(square), most[2 + part]))
-        pace = min(pace, max(LEAST, braked))
-    row[_LIMIT] = _CLEAR
-    if limits.shape[1] > 0:
-        pace = min(pace, _pace_of_limits(now, q, dq, limits, row[_LIMIT:]))
-    row[_WANTED] = pace
+    return min(1.0, min(by_position, max(CREEP, now * by_speed))), near, joint

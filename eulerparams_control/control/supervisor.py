@@ -6,7 +6,7 @@ from functools import partial
 
 from eulerparams_control.control import judge
 from eulerparams_control.control.admission import Accept, Admission, Rate, RateCheck
-from eulerparams_control.control.clock import SECONDS, Instant
+from eulerparams_control.control.clock import Instant
 from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.control.guidance import Guidance, LawError
 from eulerparams_control.control.mode import (
@@ -127,7 +127,7 @@ class Supervisor:
             self.change(ModeEvent.TRUST)
             self.begin(state.q)
         if self._is_strict:
-            rate, period = self.rate, self._admission.period.row.item(SECONDS)
+            rate, period = self.rate, self._admission.period.seconds
             longest, turn = rate.fine
             if not (period <= longest and self._scheme.loop_rate * period <= turn):
                 rate.judge(self._scheme)

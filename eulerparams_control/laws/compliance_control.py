@@ -68,6 +68,7 @@ from eulerparams_control.laws._old.inverse_dynamics import (
     commanded,
     resolve_acceleration,
 )
+from eulerparams_control.laws._old.limits import without_accelerations
 from eulerparams_control.laws._old.linear import (
     Mat,
     MatLike,
@@ -92,7 +93,6 @@ from eulerparams_control.laws._old.scheme import read_bounds, tick_places, too_f
 from eulerparams_control.laws.compliant_frame import TRANSLATIONAL_FRAMES
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.inverse import solve_rows, symmetric_modes
-from eulerparams_control.laws.limits import without_accelerations
 from eulerparams_control.laws.scheme import JointCommand, LoopGain, Tick
 from eulerparams_control.motion.frames import DesiredFrame, read_frame
 from eulerparams_control.motion.motion_limits import TipLimits

@@ -16,8 +16,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from eulerparams_control.laws._old.compiled import Array, Input, Row, Rows, entry, kernel
 from eulerparams_control.laws.impedance_matrices import Impedance
+from eulerparams_control.laws.jit import Array, f8, i8, jit, matrix, new_matrix, new_vector, vector
 
 # Time constants [s] of the low-pass against noise, of the means, and of the power that swings.
 _NOISE, _MEAN, _MEMORY = 0.005, 0.3, 0.7
@@ -36,13 +36,14 @@ _GIVES = -0.25
 # Speeds [m/s, rad/s] that make, with the ripple, the least power that counts.
 _LEAST_SPEED = (0.005, 0.05)
 
-# Rows of the state, 6 numbers each: w and v without noise; their means; sign and time of the last
-# turn, when turns began, and how many there were; the same of presses, and whether it is pressed;
-# the books: energy, swinging power given and in size, of forces and of moments; time; at last what
-# is expected: ripples of force and moment, and how far apart bounces may be.
-_W, _V, _MEAN_W, _MEAN_V, _TURN, _PRESS, _IS_PRESSED, _BOOKS, _MOST = 0, 1, 2, 3, 4, 8, 12, 13, 14
-_ENERGY, _GIVEN, _SIZE, _TIME = 0, 1, 3, 5
-_APART = 2
+# Rows of the averages, 6 numbers each: w and v without noise, and their means.  Of turns and of
+# presses: sign and time of the last one, when they began to follow each other, and how many have;
+# of presses also whether the tool is pressed.
+_W, _V, _MEAN_W, _MEAN_V = range(4)
+_SIGN, _LAST, _BEGAN, _COUNT, _IS_PRESSED = range(5)
+
+# The books: time, energy; then the power that swings, given and in size, of forces and of moments.
+_TIME, _ENERGY, _POWER, _SIZE, _BOOKS = 0, 1, 2, 4, 6
 
 
 class Oscillation(IntEnum):
@@ -60,14 +61,11 @@ class ContactWatch:
         force, moment: [N], [Nm] ripple that a contact may have; infinite: none is too much.
         translation, rotation: the impedances, which say how far apart bounces may be.
 
-    Attributes:
-        state: rows of :func:`observe`, which moves them on.
     """
 
     def __init__(
         self, force: float, moment: float, translation: Impedance, rotation: Impedance
     ) -> None:
-        self.state = np.zeros((_MOST + 1, 6))
         self.expect(force, moment, translation, rotation)
         self.reset()
 
@@ -75,22 +73,22 @@ class ContactWatch:
         self, force: float, moment: float, translation: Impedance, rotation: Impedance
     ) -> None:
         """Go on with another law."""
-        self.state[_MOST, :4] = force, moment, _gap(translation), _gap(rotation)
+        self._expected = np.array([[force, _gap(translation)], [moment, _gap(rotation)]])
 
     def expect_changes(self) -> None:
         """Let only quick bounces count: a program swings the stiffness, and so the contact."""
-        self.state[_MOST, _APART:] = _NEXT_PRESS
+        self._expected[:, 1] = _NEXT_PRESS
 
     def reset(self) -> None:
         """Start again: nothing was given."""
-        self.state[:_MOST] = 0.0
+        self._averages, self._books = np.zeros((4, 6)), np.zeros(_BOOKS)
         self.look_again()
 
     def look_again(self) -> None:
         """Look for an oscillation from the start again; the energy goes on."""
-        self.state[_TURN:_BOOKS] = 0.0
-        self.state[[_TURN + 1, _PRESS + 1]] = -math.inf
-        self.state[_BOOKS, _GIVEN:_TIME] = 0.0
+        self._turns, self._presses = np.zeros((4, 6)), np.zeros((5, 6))
+        self._turns[_LAST] = self._presses[_LAST] = -math.inf
+        self._books[_POWER:] = 0.0
 
     def take(self, w: Array, v: Array, omega: Array, dt: float) -> Oscillation:
         """Return whether the contact oscillates.
@@ -102,7 +100,9 @@ class ContactWatch:
             v, omega: (3,) of the tip.
             dt: [s] since the last one.
         """
-        found = Oscillation(observe(w, v, omega, dt, self.state))
+        twist, state = np.concatenate((v, omega)), (self._averages, self._books)
+        events = self._turns, self._presses
+        found = Oscillation(observe(w, twist, dt, *state, *events, self._expected))
         if found:
             self.look_again()
         return found
@@ -110,7 +110,7 @@ class ContactWatch:
     @property
     def energy(self) -> float:
         """What the tool has given to the contact [J], less what it took, since the restart."""
-        return self.state.item(_BOOKS, _ENERGY)
+        return self._books.item(_ENERGY)
 
 
 def _gap(Z: Impedance) -> float:
@@ -120,40 +120,47 @@ def _gap(Z: Impedance) -> float:
     return max(_NEXT_PRESS, math.tau / math.sqrt(max(slowest, longest)))
 
 
-@kernel
-def _goes_on(run: Rows, i: int, sign: float, now: float, gap: float, same: float) -> float:
+@jit(f8(new_matrix, i8, f8, f8, f8, f8))
+def _lasted(events: Array, i: int, sign: float, now: float, gap: float, same: float) -> float:
     """Take an event of axis i with a sign; return for how long [s] such have followed each other.
 
     Args:
-        run: (4, 6) sign and time of the last one, when they began, and how many there were.
+        events: turns or presses.
         i, sign, now, gap: the event, its time, and the longest time until it [s].
         same: 1 where the signs have to be the same, -1 where they have to differ.
     """
-    if now - run[1, i] > gap or same * sign * run[0, i] < 0.0:
-        run[2, i], run[3, i] = now, 0.0
-    run[0, i], run[1, i], run[3, i] = sign, now, run[3, i] + 1.0
-    lasted: float = now - run[2, i]
-    return lasted
+    if now - events[_LAST, i] > gap or same * sign * events[_SIGN, i] < 0.0:
+        events[_BEGAN, i], events[_COUNT, i] = now, 0.0
+    events[_SIGN, i], events[_LAST, i] = sign, now
+    events[_COUNT, i] += 1.0
+    return now - events[_BEGAN, i]
 
 
-@kernel
-def _found(i: int, swing: float, ripple: float, gap: float, books: Row, state: Rows) -> int:
+@jit(i8(i8, f8, f8, f8, f8, new_vector, new_matrix, new_matrix))
+def _of_axis(
+    i: int,
+    force: float,
+    swing: float,
+    ripple: float,
+    gap: float,
+    books: Array,
+    turns: Array,
+    presses: Array,
+) -> int:
     """Return what the force of axis i does, whose part that swings is given."""
     now, part, lasted = books[_TIME], i // 3, 0.0
-    gives = books[_GIVEN + part] > _GIVES * books[_SIZE + part]
+    gives = books[_POWER + part] > _GIVES * books[_SIZE + part]
     counts = books[_SIZE + part] > ripple * _LEAST_SPEED[part] * _MEMORY
-    if abs(swing) > ripple and swing * state[_TURN, i] <= 0.0:
-        sign = math.copysign(1.0, swing)
-        lasted = _goes_on(state[_TURN:_PRESS], i, sign, now, _NEXT_TURN, -1.0)
+    if abs(swing) > ripple and swing * turns[_SIGN, i] <= 0.0:
+        lasted = _lasted(turns, i, math.copysign(1.0, swing), now, _NEXT_TURN, -1.0)
     found = 2 if lasted > _LONG and gives and counts else 0
-    force = state[_W, i]
     if abs(force) < _FREE * ripple:
-        state[_IS_PRESSED, i] = 0.0
-    elif abs(force) > _PRESSED * ripple and state[_IS_PRESSED, i] == 0.0:
-        state[_IS_PRESSED, i], sign = 1.0, math.copysign(1.0, force)
-        is_quick = now - state[_PRESS + 1, i] <= _NEXT_PRESS
-        lasted = _goes_on(state[_PRESS:_IS_PRESSED], i, sign, now, gap, 1.0)
-        if lasted > _LONG and state[_PRESS + 3, i] >= _PRESSES:
+        presses[_IS_PRESSED, i] = 0.0
+    elif abs(force) > _PRESSED * ripple and presses[_IS_PRESSED, i] == 0.0:
+        presses[_IS_PRESSED, i] = 1.0
+        is_quick = now - presses[_LAST, i] <= _NEXT_PRESS
+        lasted = _lasted(presses, i, math.copysign(1.0, force), now, gap, 1.0)
+        if lasted > _LONG and presses[_COUNT, i] >= _PRESSES:
             if gives and counts:
                 found = 2
             elif is_quick:
@@ -161,27 +168,38 @@ def _found(i: int, swing: float, ripple: float, gap: float, books: Row, state: R
     return found
 
 
-@entry
-def observe(w: Input, v: Input, omega: Input, dt: float, state: Rows) -> int:
-    """Take one sample, see :class:`ContactWatch`; return the :class:`Oscillation`."""
-    books, most, left, found = state[_BOOKS], state[_MOST], math.exp(-dt / _MEMORY), 0
+@jit(i8(vector, vector, f8, new_matrix, new_vector, new_matrix, new_matrix, matrix))
+def observe(
+    w: Array,
+    twist: Array,
+    dt: float,
+    averages: Array,
+    books: Array,
+    turns: Array,
+    presses: Array,
+    expected: Array,
+) -> int:
+    """Take one sample w, twist (6,), see :class:`ContactWatch`; return the :class:`Oscillation`."""
+    left, found = math.exp(-dt / _MEMORY), 0
     quick, slow = 1.0 - math.exp(-dt / _NOISE), 1.0 - math.exp(-dt / _MEAN)
     if books[_TIME] == 0.0:
         quick = slow = 1.0
     books[_TIME] += max(dt, 1e-9)
     for i in range(6):
-        part, speed = i // 3, v[i] if i < 3 else omega[i - 3]
-        books[_ENERGY] -= w[i] * speed * dt
-        state[_W, i] += quick * (w[i] - state[_W, i])
-        state[_V, i] += quick * (speed - state[_V, i])
-        state[_MEAN_W, i] += slow * (w[i] - state[_MEAN_W, i])
-        state[_MEAN_V, i] += slow * (speed - state[_MEAN_V, i])
-        swing = state[_W, i] - state[_MEAN_W, i]
-        given = -swing * (state[_V, i] - state[_MEAN_V, i]) * dt
+        part = i // 3
+        books[_ENERGY] -= w[i] * twist[i] * dt
+        averages[_W, i] += quick * (w[i] - averages[_W, i])
+        averages[_V, i] += quick * (twist[i] - averages[_V, i])
+        averages[_MEAN_W, i] += slow * (w[i] - averages[_MEAN_W, i])
+        averages[_MEAN_V, i] += slow * (twist[i] - averages[_MEAN_V, i])
+        swing = averages[_W, i] - averages[_MEAN_W, i]
+        given = -swing * (averages[_V, i] - averages[_MEAN_V, i]) * dt
         if i % 3 == 0:
-            books[_GIVEN + part] *= left
+            books[_POWER + part] *= left
             books[_SIZE + part] *= left
-        books[_GIVEN + part] += given
+        books[_POWER + part] += given
         books[_SIZE + part] += abs(given)
-        found = max(found, _found(i, swing, most[part], most[_APART + part], books, state))
+        ripple, gap = expected[part, 0], expected[part, 1]
+        does = _of_axis(i, averages[_W, i], swing, ripple, gap, books, turns, presses)
+        found = max(found, does)
     return found

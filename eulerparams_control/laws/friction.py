@@ -1,12 +1,11 @@
 """Joint friction d(q, dq) of eq. (32): viscous and Coulomb."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws._old.compiled import Array, Input, Row, entry, kernel
+from eulerparams_control.laws.jit import Array
 from eulerparams_control.robot.urdf import COULOMB_SPEED
 
 
@@ -40,19 +39,5 @@ class JointFriction:
 
     def effort(self, dq: Array) -> Array:
         """Return d (n,) [Nm] at the velocities dq (n,); Coulomb friction fades around 0."""
-        d = np.empty(len(dq))
-        fill_friction(self.viscous, self.coulomb, dq, d)
+        d: Array = self.viscous * dq + self.coulomb * np.tanh(dq / COULOMB_SPEED)
         return d
-
-
-@kernel
-def friction_effort(viscous: float, coulomb: float, dq: float) -> float:
-    """Return d [Nm] of a joint."""
-    return viscous * dq + coulomb * math.tanh(dq / COULOMB_SPEED)
-
-
-@entry
-def fill_friction(viscous: Input, coulomb: Input, dq: Input, d: Row) -> None:
-    """Fill d (n,): see :meth:`JointFriction.effort`."""
-    for i in range(len(dq)):
-        d[i] = friction_effort(viscous[i], coulomb[i], dq[i])

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from eulerparams_control.laws._old.compiled import NONE, Array, Input, Row, Rows, entry, kernel
+from eulerparams_control.laws.jit import Array, b1, f8, i8, jit, matrix, new_vector, types, vector
 
 POSITION_RATE = 10.0
 """A joint approaches a position limit no faster than its distance times this [1/s]: without
@@ -34,8 +34,10 @@ _FULL_EFFORT_TIME, _LEAST_EFFORT_RATE = 0.02, 2000.0
 
 _TINY = 1e-300
 
-UNLIMITED = np.empty((5, 0))
-"""No limits, as formulas take them."""
+NONE: Array = np.empty(0)
+"""Velocities before, where there were none."""
+
+_limited = types.Tuple((new_vector, b1))
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ class JointLimits:
 
     @cached_property
     def rows(self) -> Array:
-        """All limits (5, n) in the order of the attributes, as formulas take them."""
+        """All limits (5, n) in the order of the attributes, as the primitives take them."""
         return np.array([self.lower, self.upper, self.velocity, self.effort, self.acceleration])
 
     @property
@@ -82,11 +84,13 @@ class JointLimits:
         velocity = np.fmax(self.velocity, before.velocity - fall)
         return self if (velocity == self.velocity).all() else replace(self, velocity=velocity)
 
+    def contain(self, q: Array) -> bool:
+        """Return whether the positions q (n,) are within the limits."""
+        return bool(((self.lower <= q) & (q <= self.upper)).all())
+
     def difference(self, q_c: Array, q: Array) -> Array:
         """Return q_c - q (n,) [rad or m]; modulo a turn where there are no position limits."""
-        difference = np.empty(len(q))
-        subtract(self.rows, q_c, q, difference)
-        return difference
+        return subtract(self.rows, q_c, q)
 
     def deviation(self, q_c: Array, q: Array) -> Array:
         """Return |q_c - q| (n,) [rad or m]; modulo a turn where there are no position limits."""
@@ -100,11 +104,7 @@ class JointLimits:
 
     def stop_time(self, dq: Array) -> float:
         """Return the time [s] in which joints stop together from dq (n,); efforts follow late."""
-        return stop_time(self.rows, dq)
-
-    def contain(self, q: Array) -> bool:
-        """Return whether the positions q (n,) are within the limits."""
-        return bool(((self.lower <= q) & (q <= self.upper)).all())
+        return float((np.abs(dq) / (_PLANNED * self.acceleration)).max(initial=0.0))
 
     def excess(self, dq: Array) -> float:
         """Return by how much the velocities (n,) are beyond their limits; 1 if they are not."""
@@ -115,7 +115,7 @@ class JointLimits:
         return excess(self.rows, dq + ddq / _SPEED_RATE)
 
     def limit_velocity(
-        self, q: Array, dq: Array, dt: float, before: Array | None = None
+        self, q: Array, dq: Array, dt: float, before: Array = NONE
     ) -> tuple[Array, bool]:
         """Return dq within the limits, and whether it had to change.
 
@@ -128,15 +128,12 @@ class JointLimits:
             q: (n,) positions now.
             dq: (n,) velocities wanted; finite.
             dt: time that dq will last [s]; positive.
-            before: (n,) velocities until now; None does not bound their change.
+            before: (n,) velocities until now; NONE does not bound their change.
         """
-        limited = np.empty(len(dq))
-        before = NONE if before is None else before
-        changed = limit_velocity(self.rows, q, dq, dt, before, limited)
-        return (limited, True) if changed else (dq, False)
+        return limit_velocity(self.rows, q, dq, dt, before)
 
     def limit_acceleration(
-        self, q: Array, dq: Array, ddq: Array, dt: float, drift: Array | float = 0.0
+        self, q: Array, dq: Array, ddq: Array, dt: float, drift: Array | None = None
     ) -> tuple[Array, bool]:
         """Return ddq that keeps all limits, and whether it had to change.
 
@@ -152,27 +149,34 @@ class JointLimits:
             drift: (n,) by which the joints accelerate more than wanted, because of friction say;
                 what is wanted against it does not count.
         """
-        limited = np.empty(len(ddq))
-        drift = drift if isinstance(drift, np.ndarray) else np.full(len(ddq), drift)
-        changed = limit_acceleration(self.rows, q, dq, ddq, dt, drift, limited)
-        return (limited, True) if changed else (ddq, False)
+        drift = np.zeros(len(ddq)) if drift is None else drift
+        return limit_acceleration(self.rows, q, dq, ddq, dt, drift)
 
     def limit_effort(self, effort: Array) -> tuple[Array, bool]:
         """Return the efforts (n,) cut to their limits, and whether one had to be cut."""
-        limited = np.empty(len(effort))
-        changed = limit_effort(self.rows, effort, limited)
-        return (limited, True) if changed else (effort, False)
+        limited: Array = np.minimum(np.maximum(effort, -self.effort), self.effort)
+        return limited, bool((limited != effort).any())
 
 
-def rows_of(limits: JointLimits | None) -> Array:
-    """Return the rows of limits; UNLIMITED where there are none."""
-    return UNLIMITED if limits is None else limits.rows
+@jit(f8(vector, vector, vector))
+def factor_within(base: Array, step: Array, most: Array) -> float:
+    """Return the largest factor s from 0 to 1 with which |base + s step| <= most, all (n,).
+
+    One factor for all keeps the direction of a step; joint by joint it would turn.  A joint that is
+    beyond its bound already does not count, or it would stop all others: clip it afterwards.
+    """
+    factor = 1.0
+    for i in range(len(step)):
+        room = most[i] - base[i] if step[i] > 0.0 else most[i] + base[i]
+        if room >= 0.0 and abs(step[i]) * factor > room:
+            factor = room / abs(step[i])
+    return factor
 
 
 # --- of one joint ---------------------------------------------------------------------------
 
 
-@kernel
+@jit(f8(f8, f8, f8))
 def clip(value: float, low: float, high: float) -> float:
     """Return a value within bounds; NaN if one of the three is."""
     if math.isnan(low) or math.isnan(high):
@@ -180,7 +184,7 @@ def clip(value: float, low: float, high: float) -> float:
     return min(max(value, low), high)
 
 
-@kernel
+@jit(f8(f8, f8, b1))
 def difference(q_c: float, q: float, is_endless: bool) -> float:
     """Return q_c - q [rad or m]; modulo a turn where there is no position limit."""
     change = q_c - q
@@ -189,13 +193,13 @@ def difference(q_c: float, q: float, is_endless: bool) -> float:
     return change
 
 
-@kernel
+@jit(f8(f8, f8))
 def _rate(most: float, dt: float) -> float:
     """Return the rate [1/s] at which a limit is approached in steps of dt [s]."""
     return min(most, 1.0 / dt) if dt > 0.0 else most
 
 
-@kernel
+@jit(f8(f8, f8, f8))
 def _braking_speed(room: float, a: float, dt: float) -> float:
     """Return the speed from which a joint stops within ``room`` in steps of dt [s].
 
@@ -211,13 +215,13 @@ def _braking_speed(room: float, a: float, dt: float) -> float:
     return a / rate - b + math.sqrt(b * b + 2.0 * a * beyond)
 
 
-@kernel
+@jit(f8(f8, f8, f8))
 def _braking(speed: float, room: float, dt: float) -> float:
     """Return the deceleration that stops a joint within ``room`` in steps of dt [s]."""
     return speed * (speed / max(2.0 * room + speed * dt, _TINY))
 
 
-@kernel
+@jit(f8(f8, f8, f8, f8))
 def _fastest(room: float, before: float, a: float, dt: float) -> float:
     """Return how fast a joint may be towards a limit that is ``room`` away."""
     room = max(room, 0.0)
@@ -225,70 +229,32 @@ def _fastest(room: float, before: float, a: float, dt: float) -> float:
     return max(_braking_speed(room, a, dt), before - max(a, needed) * dt)
 
 
-@kernel
-def _most(room: float, dq: float, high: float, a: float, most: float, dt: float) -> float:
-    """Return the largest acceleration towards a limit that is ``room`` away, up to ``most``."""
+@jit(f8(f8, f8, f8, f8, f8))
+def _strongest(room: float, dq: float, high: float, a: float, dt: float) -> float:
+    """Return the largest acceleration, up to a, towards a limit that is ``room`` away."""
     room = max(room, 0.0)
     high = min(high, _braking_speed(room, _PLANNED * a, dt))
     needed = _braking(max(dq, 0.0), room, dt)
-    return min(max(_rate(_SPEED_RATE, dt) * (high - dq), -max(a, needed)), most)
+    return min(max(_rate(_SPEED_RATE, dt) * (high - dq), -max(a, needed)), a)
 
 
-# --- of n joints; ``limits`` (5, n) are JointLimits.rows --------------------------------------
+# --- of n joints; ``limits`` are JointLimits.rows ---------------------------------------------
 
-_LOWER, _UPPER, _VELOCITY, _EFFORT, _ACCELERATION = range(5)
-
-
-@entry
-def subtract(limits: Rows, q_c: Input, q: Input, away: Row) -> None:
-    """Fill ``away`` (n,) as :meth:`JointLimits.difference`."""
-    for i in range(len(q)):
-        is_endless = limits.shape[1] > 0 and math.isinf(limits[_UPPER, i])
-        away[i] = difference(q_c[i], q[i], is_endless)
+_LOWER, _UPPER, _VELOCITY, _, _ACCELERATION = range(5)
 
 
-@entry
-def is_finite(values: Input) -> bool:
-    """Return whether all numbers of a row are finite."""
-    for i in range(len(values)):  # noqa: SIM110  a generator is not compiled
-        if not math.isfinite(values[i]):
-            return False
-    return True
-
-
-@entry
-def agree(limits: Rows, q_c: Input, q: Input, most: float) -> bool:
-    """Return whether no joint deviates by more than ``most`` [rad or m]."""
+@jit(new_vector(matrix, vector, vector))
+def subtract(limits: Array, q_c: Array, q: Array) -> Array:
+    """See :meth:`JointLimits.difference`."""
     away = np.empty(len(q))
-    subtract(limits, q_c, q, away)
-    for i in range(len(q)):  # noqa: SIM110  a generator is not compiled
-        if not abs(away[i]) <= most:
-            return False
-    return True
-
-
-@entry
-def integrate(limits: Rows, q: Input, dq: Input, dt: float, after: Row) -> None:
-    """Fill ``after`` (n,) with q + dt dq; motion outward beyond limits of positions is cut."""
     for i in range(len(q)):
-        after[i] = q[i] + dt * dq[i]
-        if limits.shape[1] > 0 and not math.isnan(after[i]):
-            low, high = min(limits[_LOWER, i], q[i]), max(limits[_UPPER, i], q[i])
-            after[i] = clip(after[i], low, high)
+        away[i] = difference(q_c[i], q[i], math.isinf(limits[_UPPER, i]))
+    return away
 
 
-@entry
-def stop_time(limits: Rows, dq: Input) -> float:
-    """Return :meth:`JointLimits.stop_time` [s]."""
-    longest = 0.0
-    for i in range(len(dq)):
-        longest = max(longest, abs(dq[i]) / (_PLANNED * limits[_ACCELERATION, i]))
-    return longest
-
-
-@entry
-def excess(limits: Rows, dq: Input) -> float:
-    """Return by how much the velocities (n,) are beyond their limits; 1 if they are not."""
+@jit(f8(matrix, vector))
+def excess(limits: Array, dq: Array) -> float:
+    """See :meth:`JointLimits.excess`."""
     most = 1.0
     for i in range(len(dq)):
         if math.isnan(dq[i]):
@@ -298,17 +264,8 @@ def excess(limits: Rows, dq: Input) -> float:
     return most
 
 
-@kernel
-def excess_after(limits: Rows, dq: Input, ddq: Row) -> float:
-    """Return ``excess`` of the velocities to which ddq (n,) leads from dq (n,)."""
-    after = np.empty(len(dq))
-    for i in range(len(dq)):
-        after[i] = dq[i] + ddq[i] / _SPEED_RATE
-    return excess(limits, after)
-
-
-@kernel
-def _span(limits: Rows, i: int, q: float, before: Input, dt: float) -> tuple[float, float]:
+@jit(types.UniTuple(f8, 2)(matrix, i8, f8, vector, f8))
+def _span(limits: Array, i: int, q: float, before: Array, dt: float) -> tuple[float, float]:
     """Return the least and the largest velocity of joint i."""
     a, up, down = limits[_ACCELERATION, i], -math.inf, -math.inf
     if len(before) > 0:
@@ -317,15 +274,12 @@ def _span(limits: Rows, i: int, q: float, before: Input, dt: float) -> tuple[flo
     return low, _fastest(limits[_UPPER, i] - q, up, a, dt)
 
 
-@entry
+@jit(_limited(matrix, vector, vector, f8, vector))
 def limit_velocity(
-    limits: Rows, q: Input, dq: Input, dt: float, before: Input, limited: Row
-) -> bool:
-    """Fill ``limited`` (n,) as :meth:`JointLimits.limit_velocity`; return if it changed.
-
-    ``before`` (0,) does not bound the change.
-    """
-    slowed, shortened, changed = excess(limits, dq), 1.0, False
+    limits: Array, q: Array, dq: Array, dt: float, before: Array
+) -> tuple[Array, bool]:
+    """See :meth:`JointLimits.limit_velocity`."""
+    slowed, shortened, changed, limited = excess(limits, dq), 1.0, False, np.empty(len(q))
     for i in range(len(q)):
         low, high = _span(limits, i, q[i], before, dt)
         limited[i] = clip(dq[i] / slowed, low, high)
@@ -337,15 +291,15 @@ def limit_velocity(
             low, high = _span(limits, i, q[i], before, dt)
             limited[i] = clip(before[i] + (limited[i] - before[i]) / shortened, low, high)
         changed = changed or limited[i] != dq[i]
-    return changed
+    return limited, changed
 
 
-@entry
+@jit(_limited(matrix, vector, vector, vector, f8, vector))
 def limit_acceleration(
-    limits: Rows, q: Input, dq: Input, ddq: Input, dt: float, drift: Input, limited: Row
-) -> bool:
-    """Fill ``limited`` (n,) as :meth:`JointLimits.limit_acceleration`; return if it changed."""
-    shortened, changed = 1.0, False
+    limits: Array, q: Array, dq: Array, ddq: Array, dt: float, drift: Array
+) -> tuple[Array, bool]:
+    """See :meth:`JointLimits.limit_acceleration`."""
+    shortened, changed, limited = 1.0, False, np.empty(len(q))
     for i in range(len(q)):
         a = limits[_ACCELERATION, i]
         up, down = a - min(drift[i], 0.0), a + max(drift[i], 0.0)
@@ -353,43 +307,8 @@ def limit_acceleration(
     for i in range(len(q)):
         a, high = limits[_ACCELERATION, i], limits[_VELOCITY, i]
         # the limits of speed and position are for what a contact leaves of the acceleration
-        most = _most(limits[_UPPER, i] - q[i], dq[i], high, a, a, dt) - min(drift[i], 0.0)
-        least = -_most(q[i] - limits[_LOWER, i], -dq[i], high, a, a, dt) - max(drift[i], 0.0)
+        most = _strongest(limits[_UPPER, i] - q[i], dq[i], high, a, dt) - min(drift[i], 0.0)
+        least = -_strongest(q[i] - limits[_LOWER, i], -dq[i], high, a, dt) - max(drift[i], 0.0)
         limited[i] = clip(ddq[i] / shortened, least, most)
         changed = changed or limited[i] != ddq[i]
-    return changed
-
-
-@kernel
-def without_accelerations(limits: Rows) -> Rows:
-    """Return the limits without those of the accelerations."""
-    free = limits.copy()
-    for i in range(limits.shape[1]):
-        free[_ACCELERATION, i] = math.inf
-    return free
-
-
-@entry
-def factor_within(base: Input, step: Input, most: Input) -> float:
-    """Return the largest factor s from 0 to 1 with which |base + s step| <= most, all (n,).
-
-    One factor for all keeps the direction of a step; joint by joint it would turn.  A joint that is
-    beyond its bound already does not count, or it would stop all others: clip it afterwards.
-    """
-    factor = 1.0
-    for i in range(len(step)):
-        room = most[i] - base[i] if step[i] > 0.0 else most[i] + base[i]
-        if room >= 0.0 and abs(step[i]) * factor > room:
-            factor = room / abs(step[i])
-    return factor
-
-
-@entry
-def limit_effort(limits: Rows, effort: Input, limited: Row) -> bool:
-    """Fill ``limited`` (n,) as :meth:`JointLimits.limit_effort`; return if one changed."""
-    changed = False
-    for i in range(len(effort)):
-        most = limits[_EFFORT, i]
-        limited[i] = clip(effort[i], -most, most)
-        changed = changed or limited[i] != effort[i]
-    return changed
+    return limited, changed

@@ -15,8 +15,7 @@ import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError
 from eulerparams_control.laws.rotations import Array, EulerParameters
-from eulerparams_control.messages.joint_bytes import NOT_READ, JointsAt, read_joints
-from eulerparams_control.messages.wire import AtBytes
+from eulerparams_control.messages.wire import AtBytes, JointsAt
 from eulerparams_control.motion.frames import DesiredFrame, Placement
 from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.spline import Poses
@@ -190,12 +189,7 @@ class JointStateReader(_JointReader):
         None: it has another layout, or a number that is not finite or too large; then
         :meth:`from_ros` says what it is.
         """
-        if self._at is None:
-            return None
-        n = len(self._joints)
-        q, dq = np.empty(n), np.empty(n)
-        t = read_joints(data, *self._at, LARGEST, q, dq)
-        return None if t == NOT_READ else (t, q, dq)
+        return None if self._at is None else self._at.read(data, LARGEST)
 
     def effort_from_ros(self, msg: Any) -> Array | None:
         """Return the efforts (n,) of a message; None where it has none that can be used."""

@@ -3,7 +3,6 @@
 Messages whose strings and lengths of sequences agree have the same layout, so that one of them
 shows where each number of all of them is.  What comes in a layout that is known is read by offset;
 any other goes the plain way, deserialised as a whole, and its layout is known from then on.
-The joints of a controller are read in one compiled call, see ``joint_bytes``.
 """
 
 import struct
@@ -16,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.messages.joint_bytes import JointsAt
 
 NUMBERS = {
     "bool": "u1", "byte": "u1", "char": "u1", "uint8": "u1", "int8": "i1",
@@ -223,15 +221,45 @@ class AtBytes(NamedTuple):
         return _Wrench(_Vector3(*w[:3]), _Vector3(*w[3:]))
 
 
+@dataclass(frozen=True)
+class JointsAt:
+    """Where the joints of an arm are in all JointStates of a layout.
+
+    Attributes:
+        known: the layout.
+        position, velocity, count: where these begin, and how many there are.
+        index: (n,) which of them are those of the arm.
+    """
+
+    known: "_Known"
+    position: int
+    velocity: int
+    count: int
+    index: NDArray[np.intp]
+
+    def read(self, data: bytes, most: float) -> tuple[int, Array, Array] | None:
+        """Return the stamp [ns], q (n,) and dq (n,) of a message at its bytes.
+
+        None, if it has another layout, or q or dq is not finite, or its norm larger than ``most``.
+        """
+        if not self.known.fits(data):
+            return None
+        q: Array = np.frombuffer(data, "<f8", self.count, self.position)[self.index]
+        dq: Array = np.frombuffer(data, "<f8", self.count, self.velocity)[self.index]
+        if not (q @ q <= most * most and dq @ dq <= most * most):
+            return None
+        seconds, nanoseconds = _stamp.unpack_from(data, _HEAD)
+        return seconds * 1_000_000_000 + nanoseconds, q, dq
+
+
 class _Known:
     """A layout of a message that came, and what all messages of this layout have in common."""
 
     def __init__(self, layout: Layout, data: bytes, msg: Any) -> None:
-        self.end = layout.end
-        self._fixed = layout.fixed[: self.end] * np.uint8(255)
-        self._common = np.frombuffer(data[: self.end], np.uint8) & self._fixed
-        self.mask = int.from_bytes(self._fixed.tobytes(), "little")
-        self.common = int.from_bytes(self._common.tobytes(), "little")
+        self._end = layout.end
+        fixed = layout.fixed[: self._end] * np.uint8(255)
+        self._mask = int.from_bytes(fixed.tobytes(), "little")
+        self._common = int.from_bytes(data[: self._end], "little") & self._mask
         self._frame_id, self._name = msg.header.frame_id, getattr(msg, "name", None)
         self.parts: dict[str, slice] = {}
         codes, end, first = "<", 0, 0
@@ -242,7 +270,13 @@ class _Known:
             self.parts[path], first = slice(first, first + length), first + length
         self._unpack = struct.Struct(codes).unpack_from
         self._joints: dict[tuple[int, ...], JointsAt] = {}
-        self._starts = {path: at for path, (at, *_) in layout.numbers.items()}
+        self._numbers = layout.numbers
+
+    def fits(self, data: bytes) -> bool:
+        """Whether a message has this layout."""
+        end = self._end
+        is_long = len(data) >= end
+        return is_long and int.from_bytes(data[:end], "little") & self._mask == self._common
 
     def message(self, data: bytes) -> AtBytes:
         """Return what a message of this layout says."""
@@ -251,11 +285,12 @@ class _Known:
         return new(AtBytes, (header, self._name, numbers, self))
 
     def joints(self, index: tuple[int, ...]) -> JointsAt:
-        """Return where the positions and velocities of these joints are, for ``read_joints``."""
+        """Return where the positions and velocities of these joints are."""
         if index not in self._joints:
-            starts = self._starts["position"], self._starts["velocity"]
-            places = np.array([[start + 8 * i for i in index] for start in starts])
-            self._joints[index] = np.concatenate((self._fixed, self._common)), places
+            (position, _, count), (velocity, *_) = (
+                self._numbers[path] for path in ("position", "velocity")
+            )
+            self._joints[index] = JointsAt(self, position, velocity, count or 0, np.array(index))
         return self._joints[index]
 
 
@@ -281,9 +316,7 @@ class Reader:
     def read(self, data: bytes) -> Any:
         """Return a message, or what has its fields; raises what ``plain`` raises."""
         for known in (*self._known, *self._others):
-            end = known.end
-            fits = len(data) >= end
-            if fits and int.from_bytes(data[:end], "little") & known.mask == known.common:
+            if known.fits(data):
                 return known.message(data)
         msg = self._plain(data)
         is_ours = self._concerns(msg)

@@ -15,7 +15,7 @@ from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.mode import Cause, Mode, Why
 from eulerparams_control.control.speed_scaling import Nearness
 from eulerparams_control.errors import listed
-from eulerparams_control.laws.inverse import smallest_singular_value
+from eulerparams_control.laws.inverse import sigma_min
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import Tick
 from eulerparams_control.messages.keys import BEGAN, FROZEN, PACE, SATURATED, SLOWED
@@ -298,12 +298,12 @@ def _values(controller: Controller, tick: Tick, parameters: ControlParameters) -
     arm = tick.state
     distance = parameters.representation().singularity_distance(tick.desired.R_d, arm.R_e)
     pace, length = controller.guidance.pace, controller.scheme.robot.length
-    sigma_min = smallest_singular_value(arm.J, length)
+    sigma = sigma_min(arm.J, length)
     return {
         "orientation": parameters.orientation,
         "distance to representation singularity [rad]": distance,
-        "smallest singular value of J": sigma_min,
-        "inverse of J": "damped" if sigma_min < parameters.damping_eps else "exact",
+        "smallest singular value of J": sigma,
+        "inverse of J": "damped" if sigma < parameters.damping_eps else "exact",
         "kinematic singularity": pace.singularity.name.lower(),
         "limit of a joint": pace.limit.name.lower(),
         "saturated": int(tick.saturated),

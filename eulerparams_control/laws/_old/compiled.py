@@ -61,7 +61,7 @@ of_parts = tuple.__new__
 """Makes a NamedTuple of all its parts, in half the time of a call of its class."""
 
 # Where formulas are: where a file changes, all is compiled again.
-_NAMES = "laws", "robot", "motion", "control", "messages/joint_bytes.py"
+_NAMES = "laws", "robot", "motion", "control"
 _ROOMS = tuple(Path(__file__).parents[2] / room for room in _NAMES)
 _KEPT = 14 * 86400.0  # [s] that what is compiled for a state of these files stays unused
 

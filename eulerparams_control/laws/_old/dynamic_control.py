@@ -56,6 +56,7 @@ from eulerparams_control.laws._old.inverse_dynamics import (
     fitted,
     resolve_acceleration,
 )
+from eulerparams_control.laws._old.limits import UNLIMITED, excess_after
 from eulerparams_control.laws._old.linear import Vec, mat, norm, put_vec, read_vec, vec
 from eulerparams_control.laws._old.orientation import (
     Lyapunov,
@@ -79,13 +80,7 @@ from eulerparams_control.laws.hold import (
     JointHold,
     contact_force,
 )
-from eulerparams_control.laws.limits import (
-    SHORTEST,
-    UNLIMITED,
-    JointLimits,
-    excess_after,
-    factor_within,
-)
+from eulerparams_control.laws.limits import SHORTEST, JointLimits, factor_within
 from eulerparams_control.laws.scheme import (
     Bounds,
     JointCommand,

@@ -21,17 +21,13 @@ from eulerparams_control.laws._old.compiled import (
     layout,
     to_rows,
 )
+from eulerparams_control.laws._old.friction import friction_effort
+from eulerparams_control.laws._old.inverse import invert, resolve
+from eulerparams_control.laws._old.limits import UNLIMITED, limit_acceleration, subtract
 from eulerparams_control.laws._old.scheme import check_gains
-from eulerparams_control.laws.friction import JointFriction, friction_effort
-from eulerparams_control.laws.inverse import DampedInverse, invert, resolve
-from eulerparams_control.laws.limits import (
-    UNLIMITED,
-    JointLimits,
-    clip,
-    factor_within,
-    limit_acceleration,
-    subtract,
-)
+from eulerparams_control.laws.friction import JointFriction
+from eulerparams_control.laws.inverse import DampedInverse
+from eulerparams_control.laws.limits import JointLimits, clip, factor_within
 from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
 
 # Time constant [s] of the acceleration that disturbances cause.
