@@ -189,7 +189,8 @@ class CompliantFrame:
 
     def reset(self) -> None:
         """Forget the state; a change is done, and its tank full."""
-        self.changed, self.energy_left = 1.0, self._most_energy
+        self.changed = 1.0
+        self.energy_left: float = self._most_energy
         self.now: DesiredFrame | None = None
         self._desired: DesiredFrame | None = None
         self._known = _Known.NOTHING

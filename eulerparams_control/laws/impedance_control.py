@@ -122,6 +122,9 @@ class ImpedanceControl(Scheme):
         ConfigurationError: if the parameters are impossible for the robot.
     """
 
+    _dq: Array | None  # of the tick before
+    _x_de: Any
+
     def __init__(
         self, robot: Robot, parameters: "ImpedanceParameters", chain: WrenchChain | None = None
     ) -> None:
@@ -282,8 +285,7 @@ class ImpedanceControl(Scheme):
         self._blend.reset()
         self._fade.reset()
         self._w = self._h = _NO_WRENCH
-        self._dq: Array | None = None  # of the tick before
-        self._x_de: Any = None
+        self._dq = self._x_de = None
         self._was_frozen = False
         self._held: DesiredFrame | None = None
 
