@@ -41,7 +41,9 @@ from eulerparams_control.laws.orientation import (
 )
 from eulerparams_control.laws.orientation.base import Lyapunov
 from eulerparams_control.laws.rotations import Array
+from eulerparams_control.parameters.clik import ClikParameters
 from eulerparams_control.parameters.common import ControlParameters
+from eulerparams_control.parameters.efforts import ResolvedParameters
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.robot.robot import Robot
@@ -313,18 +315,23 @@ def lyapunov_series(recording: Recording) -> LyapunovSeries:
     return LyapunovSeries(t, np.asarray(V), np.asarray(dV), measured)
 
 
-def _along(recording: Recording, told: Any) -> tuple[Array, Lyapunov | None]:
+def _along(recording: Recording, told: ControlParameters) -> tuple[Array, Lyapunov | None]:
     """Return the instants at which there is a desired frame, and V of the law there."""
     series, known = recording.leading, recording.known
     _require_two(series.t[known])
-    law = told.law()
-    if not hasattr(law, "lyapunov"):
-        raise BagError(
-            f"V of {told.scheme.name} is on its topic lyapunov alone: it needs the inertia"
-        )
-    x_de = recording.displacements(law.orientation)
+    law = recording.orientation(told.orientation)
+    x_de = recording.displacements(law)
     omega_de = series.desired.omega[known] - series.omega_e[known]
-    return series.t[known], _stacked(map(law.lyapunov, x_de, omega_de))
+    match told:
+        case ClikParameters():
+            V = [law.lyapunov_1(x, told.k_Po) for x in x_de]
+        case ResolvedParameters():
+            along = zip(x_de, omega_de, strict=True)
+            V = [law.lyapunov_2(x, omega, told.k_Po, told.k_Vo) for x, omega in along]
+        case _:
+            text = f"V of {told.scheme.name} is on its topic lyapunov alone: it needs the inertia"
+            raise BagError(text)
+    return series.t[known], _stacked(V)
 
 
 def _of_impedance(recording: Recording, told: ImpedanceParameters) -> tuple[Array, Lyapunov | None]:
