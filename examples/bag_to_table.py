@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from eulerparams_control import analysis
-from eulerparams_control.laws.rotations import log
+from eulerparams_control.analysis.stacks import rotation_vectors
 
 RATE = 20.0  # [Hz]
 
@@ -31,10 +31,10 @@ def main() -> None:
     p, R = arm.p_e[rows], arm.R_e[rows]
     columns = {"t [s]": t}
     columns |= {f"q.{joint} [rad]": q for joint, q in zip(joints, arm.q[rows].T, strict=True)}
-    vectors = {"p": ("m", p), "r": ("rad", np.array(log(R)))}
+    vectors = {"p": ("m", p), "r": ("rad", rotation_vectors(R))}
     back = R.transpose(0, 2, 1)[:-1]  # the last row has no next
     vectors["dp"] = "m", (back @ np.diff(p, axis=0)[..., None])[..., 0]
-    vectors["dr"] = "rad", np.array(log(back @ R[1:]))
+    vectors["dr"] = "rad", rotation_vectors(back @ R[1:])
     for what, (unit, values) in vectors.items():
         columns |= {f"{what}.{x} [{unit}]": v for x, v in zip("xyz", values.T, strict=True)}
     table = pa.table({key: column[: len(t) - 1] for key, column in columns.items()})

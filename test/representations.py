@@ -1,9 +1,10 @@
-"""The representations of the orientation by name, and frames where their laws are regular."""
+"""The representations of the orientation by name, and motions where their laws are regular."""
 
 import math
+from typing import NamedTuple
 
 import pytest
-from samples import Array, uniform
+from samples import Array, generator, rodrigues, uniform, unit_vectors, vectors
 from tolerances import POLE_CLEARANCE
 
 from eulerparams_control.laws.orientation import (
@@ -47,9 +48,35 @@ def make(name, sequence="XYZ", sign="hysteretic", initial=1) -> OrientationRepre
     return representation(name, OrientationOptions(EulerSequence(sequence), rule))
 
 
-def regular_pairs(law, count=40) -> list[tuple[Array, Array]]:
-    """Return pairs (R_d, R_e), any angle apart, that are away from the law's singularities."""
-    pairs = zip(uniform(8 * count), uniform(8 * count, key=1), strict=True)
-    regular = [pair for pair in pairs if law.singularity_distance(*pair) > POLE_CLEARANCE]
+class Motion(NamedTuple):
+    """Two frames, the desired one turned by theta r off the other, with any velocities."""
+
+    theta: float
+    r: Array
+    R_e: Array
+    omega_d: Array
+    domega_d: Array
+    omega_e: Array
+
+    @property
+    def R_d(self) -> Array:
+        return rodrigues(self.theta, self.r) @ self.R_e
+
+
+def moving(thetas, R_es) -> list[Motion]:
+    """Return motions with those angles and orientations."""
+    count, axes = len(thetas), unit_vectors(len(thetas))
+    velocities = (vectors(count, key) for key in range(3))
+    return [Motion(*parts) for parts in zip(thetas, axes, R_es, *velocities, strict=True)]
+
+
+def regular_motions(law, count=40) -> list[Motion]:
+    """Return motions, any angle apart, that are away from the law's singularities."""
+    thetas = generator(7).uniform(0, math.pi, 8 * count).tolist()
+    regular = [
+        motion
+        for motion in moving(thetas, uniform(8 * count))
+        if law.singularity_distance(motion.R_d, motion.R_e) > POLE_CLEARANCE
+    ]
     assert len(regular) >= count
     return regular[:count]

@@ -198,9 +198,9 @@ def test_the_compliant_frame_is_seen_from_the_desired_frame(compliant):
     assert motion is not None
     assert_close(motion.t, [0.0, 0.01, 0.02])
     assert_close(motion.p_cd_d, [[0, 0, 0], [0.01, 0, 0], [0, 0.003, -0.004]])
-    rho = [[0, 0, 0], [0, -0.4, 0], [0.1, 0.2, 0]]
+    rho = np.array([[0.0, 0, 0], [0, -0.4, 0], [0.1, 0.2, 0]])
     assert_close(motion.rho_cd_d, rho)
-    assert_close(motion.R_cd, [exp(np.array(each)) for each in rho])
+    assert_close(motion.R_cd, list(map(exp, rho)))
     assert_close(motion.Q_cd[1], [math.cos(0.2), 0, -math.sin(0.2), 0])
 
 

@@ -77,8 +77,8 @@ def test_analyze_recomputes_what_the_node_published(tmp_path, controller, parame
     assert len(at) > 30  # a busy machine loses some
     p_de = (run.leading.desired.p - run.leading.p_e)[run.known[at]]
     np.testing.assert_allclose(p_de, live[among, :3], rtol=0, atol=AGREES)
-    x_de = run.displacements(str(parameters["orientation"])).error[at]
-    np.testing.assert_allclose(x_de, live[among, 3:], rtol=0, atol=AGREES)
+    error = run.error_in(str(parameters["orientation"]))[at]
+    np.testing.assert_allclose(error, live[among, 3:], rtol=0, atol=AGREES)
     assert np.abs(live[:, 3:]).max() > 0.01  # there is an error to agree on
 
     topic = f"/{controller}/lyapunov"

@@ -10,7 +10,6 @@ steps and by the product rule, in formulas of this file.  They leave no other ac
 
 import math
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -22,21 +21,24 @@ from representations import (
     every_representation,
     every_sequence,
     make,
-    regular_pairs,
+    moving,
+    regular_motions,
 )
 from samples import (
-    Array,
     about,
     all_rotations,
     angle_rates,
     axial,
     clear_of_poles,
+    derivative,
     half_turns,
     near_pole,
     pairs_apart,
     poles,
+    positive_definite,
     rodrigues,
     skew,
+    turning,
     uniform,
     unit_vectors,
     vectors,
@@ -54,7 +56,8 @@ from eulerparams_control.laws.orientation import (
 )
 
 COUNT = 40
-K = 2.0  # k_Po [1/s]
+K = 2.0  # k_Po of CLIK [1/s]
+K_PO, K_VO = GAINS = 12.0, 5.0  # of dynamic control [1/s^2], [1/s]
 REST = np.zeros(3)  # omega_d [rad/s]
 ANGLES = (1e-7, 1e-3, 0.5, 1.2, 2.0, 3.1)
 RIGHT = math.pi / 2
@@ -70,26 +73,32 @@ SINGULAR_ERRORS = {"angle_axis": (RIGHT, math.pi)} | {
 }
 # Those whose error follows from the mutual quaternion and its sign.
 HAS_A_SIGN = ("euler_parameters", "modified_rodrigues", "rotation_vector")
+# Those for which the paper has V_1 and V_2.
+HAVE_V = {"euler_parameters"}
 
 
-def omega_of(law, R_d, R_e, omega_d=REST, k_Po=K, previous=None):
-    return law.resolved_velocity(law.displacement(R_d, R_e, previous), omega_d, k_Po)
+def omega_of(law, R_d, R_e, omega_d=REST, k_Po=K):
+    return law.velocity(law.displacement(R_d, R_e), omega_d, k_Po)
 
 
-# --- the registry ----------------------------------------------------------------------------
+def a_o_of(law, m, k_Po=K_PO, k_Vo=K_VO):
+    x_de = law.displacement(m.R_d, m.R_e)
+    return law.acceleration(x_de, m.omega_d, m.domega_d, m.omega_e, k_Po, k_Vo)
+
+
 def test_the_representations_are_registered_and_found_by_name_with_their_options():
-    assert set(ORIENTATIONS) == {*OF_ANGLES, "angle_axis", *ALONG}
+    assert set(ORIENTATIONS) == {*OF_ANGLES, *FUNCTIONS}
     others = set(OrientationRepresentation.registry) - set(ORIENTATIONS)
     assert all(name.startswith("as_shipped_") for name in others)  # of experiments
     options = OrientationOptions(EulerSequence("ZYZ"), SignRule("shortest"))
+    defaults = OrientationOptions(EulerSequence("XYZ"), SignRule("hysteretic", 0.2))
     for name in ORIENTATIONS:
         assert representation(name, options).name == name
         assert representation(name, options).options == options
-        defaults = OrientationOptions(EulerSequence("XYZ"), SignRule("hysteretic", 0.2))
         assert representation(name).options == defaults
 
 
-# --- zero error if and only if aligned -------------------------------------------------------
+# --- the errors, eqs. (22)-(29) --------------------------------------------------------------
 @every_representation
 def test_the_error_is_zero_if_and_only_if_the_frames_are_aligned(name):
     for R in all_rotations():
@@ -116,14 +125,50 @@ def test_a_small_error_is_undone_along_its_rotation_at_the_gain(name):
         tol.assert_close(omega, K * factor * tol.SMALL_ROTATION * r, tol.FIRST_ORDER)
 
 
-# --- invariance ------------------------------------------------------------------------------
+@pytest.mark.parametrize("theta", ANGLES)
+def test_the_errors_about_an_axis_have_their_closed_forms(theta):
+    for r, R_e in zip(unit_vectors(20), uniform(20), strict=True):
+        for name, (f, _, _) in FUNCTIONS.items():
+            error = make(name).displacement(rodrigues(theta, r) @ R_e, R_e).error
+            tol.assert_close(error, f(theta) * r, tol.ALGEBRAIC * (1 + f(theta) ** 2))
+
+
+@every_sequence
+def test_the_errors_are_those_of_the_angles_of_both_frames_and_of_the_mutual_rotation(sequence):
+    law, relative = make("euler_angles", sequence), make("relative_euler_angles", sequence)
+    for R_d, R_e in zip(uniform(COUNT), uniform(COUNT, key=1), strict=True):
+        phi_d, phi_e, error = law.displacement(R_d, R_e)
+        tol.assert_close(EulerSequence(sequence).R(phi_d), R_d)
+        tol.assert_close(EulerSequence(sequence).R(phi_e), R_e)
+        turns = (phi_d - phi_e - error) / (2 * math.pi)  # eq. (22)
+        tol.assert_close(turns, np.round(turns))
+        assert np.abs(error).max() <= math.pi
+        phi_de = relative.displacement(R_d, R_e).error
+        tol.assert_close(R_e @ EulerSequence(sequence).R(phi_de), R_d)
+
+
+def at_the_poles(sequence="XYZ"):
+    """Return rotations at both poles of a sequence, exactly."""
+    return [R for pole in poles(sequence) for R in near_pole(sequence, pole, 0.0)]
+
+
+def test_at_the_pole_angles_keep_the_gamma_of_before():
+    law, relative = make("euler_angles"), make("relative_euler_angles")
+    before = law.displacement(about(2, 0.3), about(2, -0.8))
+    relative_before = relative.displacement(about(2, 0.3), np.eye(3))
+    for R in at_the_poles():
+        x_de = law.displacement(R, R, before)
+        assert (x_de.phi_d[2], x_de.phi_e[2]) == (before.phi_d[2], before.phi_e[2])
+        phi_de = relative.displacement(R, np.eye(3), relative_before).error
+        assert phi_de[2] == relative_before.error[2]
+
+
 @every_representation
 def test_the_law_is_the_same_from_every_base_frame_except_for_euler_angles(name):
     law, change = make(name), []
-    turns = zip(uniform(COUNT, key=2), vectors(COUNT), strict=True)
-    for (R_d, R_e), (R, omega_d) in zip(regular_pairs(law), turns, strict=True):
-        omega = omega_of(law, R_d, R_e, omega_d)
-        turned = omega_of(law, R @ R_d, R @ R_e, R @ omega_d)
+    for m, R in zip(regular_motions(law), uniform(COUNT, key=2), strict=True):
+        omega = omega_of(law, m.R_d, m.R_e, m.omega_d)
+        turned = omega_of(law, R @ m.R_d, R @ m.R_e, R @ m.omega_d)
         change.append(np.linalg.norm(turned - R @ omega))
     if name in DEPENDS_ON_THE_BASE:
         assert np.median(change) > tol.DISTINCT
@@ -132,11 +177,6 @@ def test_the_law_is_the_same_from_every_base_frame_except_for_euler_angles(name)
 
 
 # --- singularities ---------------------------------------------------------------------------
-def at_the_poles(sequence="XYZ"):
-    """Return rotations at both poles of a sequence, exactly."""
-    return [R for pole in poles(sequence) for R in near_pole(sequence, pole, 0.0)]
-
-
 def singular_pairs(name):
     """Return pairs (R_d, R_e) at a singularity of the law."""
     at_pole = list(zip(at_the_poles(), uniform(40, key=3), strict=True))
@@ -149,13 +189,9 @@ def singular_pairs(name):
 
 @every_representation
 def test_the_distance_is_zero_at_a_singularity_and_infinite_if_there_is_none(name):
-    law = make(name)
-    distances = [law.singularity_distance(*pair) for pair in regular_pairs(law)]
-    singular = singular_pairs(name)
-    if not singular:
-        assert set(distances) == {math.inf}
-        return
-    assert max(distances) <= math.pi
+    law, singular = make(name), singular_pairs(name)
+    distances = [law.singularity_distance(m.R_d, m.R_e) for m in regular_motions(law)]
+    assert max(distances) <= math.pi if singular else set(distances) == {math.inf}
     for pair in singular:
         assert law.singularity_distance(*pair) == pytest.approx(0, abs=tol.ALGEBRAIC)
 
@@ -166,8 +202,8 @@ def test_the_distance_is_the_angle_that_is_left_of_the_nearer_of_both_frames(the
         distance = make("euler_angles").singularity_distance(*pair)
         assert distance == pytest.approx(abs(RIGHT - theta), abs=tol.ALGEBRAIC)
     for pair in pairs_apart(theta, 20):
-        for name, (singular, *_) in SINGULAR_ERRORS.items():
-            expected = min(abs(theta - singular), math.pi - theta)
+        for name, singular in SINGULAR_ERRORS.items():
+            expected = min(abs(theta - angle) for angle in singular)
             distance = make(name).singularity_distance(*pair)
             assert distance == pytest.approx(expected, abs=tol.ALGEBRAIC)
 
@@ -182,9 +218,11 @@ def test_the_distance_of_relative_angles_is_that_of_the_error_alone(sequence):
 
 def test_euler_parameters_ask_for_a_bounded_velocity_and_acceleration_everywhere():
     law, Rs = make("euler_parameters"), [*all_rotations(), *near_pole("XYZ", RIGHT, 0.0)]
-    for m in moving(list(zip(Rs, reversed(Rs), strict=True))):
-        assert np.linalg.norm(omega_of(law, m.R_d, m.R_e)) <= K * (1 + tol.RELATIVE)
-        feedback = a_o_of(law, m) - m.domega_d - K_VO * (m.omega_d - m.omega_e)  # eq. (40)
+    omega_d, domega_d, omega_e = vectors(3)
+    for R_d, R_e in zip(Rs, reversed(Rs), strict=True):
+        assert np.linalg.norm(omega_of(law, R_d, R_e)) <= K * (1 + tol.RELATIVE)
+        a_o = law.acceleration(law.displacement(R_d, R_e), omega_d, domega_d, omega_e, *GAINS)
+        feedback = a_o - domega_d - K_VO * (omega_d - omega_e)  # eq. (40)
         assert np.linalg.norm(feedback) <= K_PO * (1 + 100 * tol.RELATIVE)
 
 
@@ -197,120 +235,36 @@ def test_euler_parameters_ask_for_a_bounded_velocity_and_acceleration_everywhere
     ],
 )
 def test_exactly_at_a_singularity_a_law_is_refused_with_the_way_out(name, R_d, R_e, text):
-    law, (omega_d, domega_d, omega_e) = make(name, "ZYZ"), vectors(3)
-    x_de = law.displacement(R_d, R_e)
+    law, velocities = make(name, "ZYZ"), vectors(3)
     with pytest.raises(SingularityError, match=f"{text}.*euler_parameters"):
-        law.resolved_velocity(x_de, omega_d, K)
-    for either in (x_de, law.displacement(R_e, R_d)):
+        omega_of(law, R_d, R_e, velocities[0])
+    for x_de in (law.displacement(R_d, R_e), law.displacement(R_e, R_d)):
         with pytest.raises(SingularityError, match=f"{text}.*euler_parameters"):
-            law.resolved_acceleration(either, omega_d, domega_d, omega_e, K, K)
-
-
-# --- the errors, eqs. (22)-(29) --------------------------------------------------------------
-@every_sequence
-def test_the_errors_are_those_of_the_angles_of_both_frames_and_of_the_mutual_rotation(sequence):
-    law, relative = make("euler_angles", sequence), make("relative_euler_angles", sequence)
-    for R_d, R_e in zip(uniform(COUNT), uniform(COUNT, key=1), strict=True):
-        x_de = law.displacement(R_d, R_e)
-        tol.assert_close(EulerSequence(sequence).R(x_de.phi_d), R_d)
-        tol.assert_close(EulerSequence(sequence).R(x_de.phi_e), R_e)
-        turns = (x_de.phi_d - x_de.phi_e - x_de.error) / (2 * math.pi)  # eq. (22)
-        tol.assert_close(turns, np.round(turns))
-        assert np.abs(x_de.error).max() <= math.pi
-        phi_de = relative.displacement(R_d, R_e).phi_de
-        tol.assert_close(R_e @ EulerSequence(sequence).R(phi_de), R_d)
-
-
-def test_at_the_pole_angles_keep_the_gamma_of_before():
-    law, relative = make("euler_angles"), make("relative_euler_angles")
-    before = law.displacement(about(2, 0.3), about(2, -0.8))
-    relative_before = relative.displacement(about(2, 0.3), np.eye(3))
-    for R in at_the_poles():
-        x_de = law.displacement(R, R, before)
-        assert (x_de.phi_d[2], x_de.phi_e[2]) == (before.phi_d[2], before.phi_e[2])
-        phi_de = relative.displacement(R, np.eye(3), relative_before).phi_de
-        assert phi_de[2] == relative_before.phi_de[2]
-
-
-@pytest.mark.parametrize("theta", ANGLES)
-def test_the_errors_about_an_axis_have_their_closed_forms(theta):
-    for r, R_e in zip(unit_vectors(20), uniform(20), strict=True):
-        R_d = rodrigues(theta, r) @ R_e
-        for name, f in {"angle_axis": math.sin, **ALONG}.items():
-            error = make(name).displacement(R_d, R_e).error
-            tol.assert_close(error, f(theta) * r, tol.ALGEBRAIC * (1 + f(theta) ** 2))
-
-
-# --- the resolved acceleration, eqs. (38)-(43) ---------------------------------------------
-K_PO, K_VO = GAINS = 12.0, 5.0  # [1/s^2], [1/s]
-# Those for which the paper has V_1 and V_2.
-HAVE_V = {"euler_parameters"}
-
-
-class Motion(NamedTuple):
-    R_d: Array
-    R_e: Array
-    omega_d: Array = REST
-    domega_d: Array = REST
-    omega_e: Array = REST
-
-
-def moving(pairs, key=0):
-    """Return the pairs (R_d, R_e) as motions with random velocities and accelerations."""
-    omegas, domegas, others = (vectors(len(pairs), 10 * key + i) for i in range(3))
-    return [
-        Motion(R_d, R_e, *velocities)
-        for (R_d, R_e), *velocities in zip(pairs, omegas, domegas, others, strict=True)
-    ]
-
-
-def regular_motions(law, count=COUNT):
-    """Return motions, any angle apart, that are away from the law's singularities."""
-    return moving(regular_pairs(law, count))
-
-
-def a_o_of(law, motion, k_Po=K_PO, k_Vo=K_VO):
-    """Return the angular acceleration that the law asks for."""
-    x_de = law.displacement(motion.R_d, motion.R_e)
-    rest = motion.omega_d, motion.domega_d, motion.omega_e
-    return law.resolved_acceleration(x_de, *rest, k_Po, k_Vo)
+            law.acceleration(x_de, *velocities, K, K)
 
 
 # --- the error and its derivatives, exactly ---------------------------------------------------
-def angle_and_axis(m):
-    """Return theta in [0, pi] and r of R_d R_e', in the base frame; not for half turns."""
-    Q = m.R_d @ m.R_e.T
-    sin_r, cos = axial(Q), (np.trace(Q) - 1) / 2
-    theta = math.atan2(np.linalg.norm(sin_r), cos)
-    if theta < 2:
-        return theta, sin_r / np.linalg.norm(sin_r) if theta else sin_r
-    rr = (Q + Q.T) / 2 - cos * np.eye(3)  # (1 - cos(theta)) r r'
-    column = rr[:, np.argmax(np.diag(rr))]
-    return theta, math.copysign(1, column @ sin_r) * column / np.linalg.norm(column)
-
-
-def error_of_euler_angles(m, domega_e, sequence):
+def error_of_euler_angles(m, omega_e, domega_e, sequence):
     """Return phi_d - phi_e and its two derivatives, eq. (22)."""
     phi_d, phi_e = EulerSequence(sequence).extract(m.R_d), EulerSequence(sequence).extract(m.R_e)
     dphi_d, ddphi_d = angle_rates(sequence, phi_d, m.omega_d, m.domega_d)
-    dphi_e, ddphi_e = angle_rates(sequence, phi_e, m.omega_e, domega_e)
+    dphi_e, ddphi_e = angle_rates(sequence, phi_e, omega_e, domega_e)
     difference = np.angle(np.exp(1j * (phi_d - phi_e)))
     return difference, dphi_d - dphi_e, ddphi_d - ddphi_e
 
 
-def error_of_relative_euler_angles(m, domega_e, sequence):
+def error_of_relative_euler_angles(m, omega_e, domega_e, sequence):
     """Return phi_de of R_e' R_d and its two derivatives."""
-    phi = EulerSequence(sequence).extract(m.R_e.T @ m.R_d)
-    omega_de = m.omega_d - m.omega_e
+    omega_de = m.omega_d - omega_e
     in_e = m.R_e.T @ omega_de  # eq. (15)
-    din_e = m.R_e.T @ (m.domega_d - domega_e - np.cross(m.omega_e, omega_de))
+    din_e = m.R_e.T @ (m.domega_d - domega_e - np.cross(omega_e, omega_de))
+    phi = EulerSequence(sequence).extract(m.R_e.T @ m.R_d)
     return phi, *angle_rates(sequence, phi, in_e, din_e)
 
 
-def error_of_angle_axis(m, domega_e, sequence):
+def error_of_angle_axis(m, omega_e, domega_e, _sequence):
     """Return sin(theta) r, the vector of R_d R_e', and its two derivatives."""
-    S_d, S_e = skew(m.omega_d), skew(m.omega_e)
-    Q = m.R_d @ m.R_e.T
+    S_d, S_e, Q = skew(m.omega_d), skew(omega_e), m.R_d @ m.R_e.T
     dQ = S_d @ Q - Q @ S_e
     ddQ = skew(m.domega_d) @ Q + S_d @ dQ - dQ @ S_e - Q @ skew(domega_e)
     return axial(Q), axial(dQ), axial(ddQ)
@@ -318,12 +272,11 @@ def error_of_angle_axis(m, domega_e, sequence):
 
 def error_along(f):
     """Return the function f(theta) r, Delta omega_de and its derivative: the terms of eq. (41)."""
-
-    def error(m, domega_e, sequence):
-        theta, r = angle_and_axis(m)
-        return f(theta) * r, m.omega_d - m.omega_e, m.domega_d - domega_e
-
-    return error
+    return lambda m, omega_e, domega_e, _sequence: (
+        f(m.theta) * m.r,
+        m.omega_d - omega_e,
+        m.domega_d - domega_e,
+    )
 
 
 ERRORS = {
@@ -338,19 +291,19 @@ ERRORS = {
     ("name", "sequence", "k_Po"),
     [*product(ORIENTATIONS, ["XYZ"], (0.0, K, 3 * K)), *product(OF_ANGLES, SEQUENCES, [K])],
 )
-def test_along_the_resolved_velocity_the_error_decays_at_the_gain(name, sequence, k_Po):
+def test_along_the_velocity_the_error_decays_at_the_gain(name, sequence, k_Po):
     law = make(name, sequence)
-    for motion in regular_motions(law):  # eqs. (26), (29)
-        omega_e = omega_of(law, motion.R_d, motion.R_e, motion.omega_d, k_Po)
-        x, dx, _ = ERRORS[name](motion._replace(omega_e=omega_e), REST, sequence)
+    for m in regular_motions(law):  # eqs. (26), (29)
+        omega_e = omega_of(law, m.R_d, m.R_e, m.omega_d, k_Po)
+        x, dx, _ = ERRORS[name](m, omega_e, REST, sequence)
         tol.assert_close(dx + k_Po * x, 0, tol.ERROR_EQUATION)
 
 
-def assert_second_order(name, law, motion, sequence="XYZ", atol=tol.ERROR_EQUATION, gains=GAINS):
+def assert_second_order(law, m, gains=GAINS):
     """Assert ddx + k_Vo dx + k_Po x = 0 along domega_e = a_o, eq. (35)."""
-    k_Po, k_Vo = gains
-    x, dx, ddx = ERRORS[name](motion, a_o_of(law, motion, k_Po, k_Vo), sequence)
-    tol.assert_close(ddx + k_Vo * dx + k_Po * x, 0, atol)
+    a_o, (k_Po, k_Vo) = a_o_of(law, m, *gains), gains
+    x, dx, ddx = ERRORS[law.name](m, m.omega_e, a_o, law.options.sequence.name)
+    tol.assert_close(ddx + k_Vo * dx + k_Po * x, 0, tol.ERROR_EQUATION)
 
 
 @pytest.mark.parametrize(
@@ -360,10 +313,10 @@ def assert_second_order(name, law, motion, sequence="XYZ", atol=tol.ERROR_EQUATI
         *product(OF_ANGLES, SEQUENCES, [GAINS]),
     ],
 )
-def test_along_the_law_the_error_obeys_its_equation(name, sequence, gains):  # eqs. (39), (41)
+def test_along_the_acceleration_the_error_obeys_its_equation(name, sequence, gains):  # (39), (41)
     law = make(name, sequence)
-    for motion in regular_motions(law):
-        assert_second_order(name, law, motion, sequence, gains=gains)
+    for m in regular_motions(law):
+        assert_second_order(law, m, gains)
 
 
 @pytest.mark.parametrize(
@@ -375,21 +328,20 @@ def test_along_the_law_the_error_obeys_its_equation(name, sequence, gains):  # e
     ],
 )
 def test_small_errors_and_those_near_90_and_180_degrees_obey_their_equation(name, theta):  # (41)
-    frames = zip(clear_of_poles("XYZ", 20), unit_vectors(20), strict=True)
-    for motion in moving([(rodrigues(theta, r) @ R_e, R_e) for R_e, r in frames]):
-        assert_second_order(name, make(name), motion)
+    for m in moving([theta] * 20, clear_of_poles("XYZ", 20)):
+        assert_second_order(make(name), m)
 
 
 @pytest.mark.parametrize("name", HAS_A_SIGN)
 def test_on_the_long_way_round_the_laws_pull_the_other_way(name):
     short, long = make(name), make(name, sign="continuous", initial=-1)
     turn_back = ALONG[name](2 * math.pi - 1.0) / ALONG[name](1.0)
-    for motion in moving(pairs_apart(1.0, 20)):
-        x, dx, ddx = ERRORS[name](motion, a_o_of(long, motion), "XYZ")
+    for m in moving([1.0] * 20, uniform(20)):
+        x, dx, ddx = ERRORS[name](m, m.omega_e, a_o_of(long, m), "XYZ")
         tol.assert_close(ddx + K_VO * dx - K_PO * turn_back * x, 0, tol.ERROR_EQUATION)
-        omega_e = omega_of(long, motion.R_d, motion.R_e, motion.omega_d)
-        tol.assert_close(motion.omega_d - omega_e, K * turn_back * x, tol.ERROR_EQUATION)
-        assert np.abs(a_o_of(long, motion) - a_o_of(short, motion)).max() > 1
+        omega_e = omega_of(long, m.R_d, m.R_e, m.omega_d)
+        tol.assert_close(m.omega_d - omega_e, K * turn_back * x, tol.ERROR_EQUATION)
+        assert np.abs(a_o_of(long, m) - a_o_of(short, m)).max() > 1
 
 
 # --- Lyapunov functions, eqs. (30), (31), (42)-(47) ---------------------------------------------
@@ -397,37 +349,50 @@ def test_on_the_long_way_round_the_laws_pull_the_other_way(name):
 def test_only_the_representations_of_the_paper_have_lyapunov_functions(name):
     law = make(name)
     x_de = law.displacement(about(0, 0.3), about(1, 0.2))
-    has = name in HAVE_V
-    assert (law.lyapunov_1(x_de, K_PO) is not None) == has
-    assert (law.lyapunov_2(x_de, REST, K_PO, K_VO) is not None) == has
+    assert (law.lyapunov_1(x_de, K_PO) is not None) == (name in HAVE_V)
+    assert (law.lyapunov_2(x_de, REST, K_PO, K_VO) is not None) == (name in HAVE_V)
 
 
 def both_signs(R_d, R_e):
     """Return the law that keeps the sign, and the displacement of either sign."""
-    law = make("euler_parameters", sign="continuous")
-    other = make("euler_parameters", sign="continuous", initial=-1)
-    return law, [law.displacement(R_d, R_e), other.displacement(R_d, R_e)]
+    laws = [make("euler_parameters", sign="continuous", initial=sign) for sign in (1, -1)]
+    return laws[0], [law.displacement(R_d, R_e) for law in laws]
 
 
 @pytest.mark.parametrize("theta", [0.0, 1e-6, 0.5, 2.0, math.pi])
 def test_V_1_is_twice_one_minus_eta(theta):
+    rate = -K_PO * math.sin(theta / 2) ** 2  # eq. (31)
     for pair in pairs_apart(theta, 10):
         law, displacements = both_signs(*pair)
-        for x_de, eta in zip(displacements, (1, -1), strict=True):
-            eta *= math.cos(theta / 2)
-            value, rate = law.lyapunov_1(x_de, K_PO)
-            assert value == pytest.approx(2 * (1 - eta), abs=tol.ALGEBRAIC)  # eq. (30)
-            expected = -K_PO * math.sin(theta / 2) ** 2  # eq. (31)
-            assert rate == pytest.approx(expected, abs=tol.ALGEBRAIC * K_PO)
+        for x_de, sign in zip(displacements, (1, -1), strict=True):
+            V = 2 * (1 - sign * math.cos(theta / 2))  # eq. (30)
+            tol.assert_close(law.lyapunov_1(x_de, K_PO), [V, rate], tol.ALGEBRAIC * K_PO)
 
 
 def test_V_2_is_zero_at_Q2_and_four_times_the_gain_at_Q1():
     for R in uniform(20):
         law, (Q2, Q1) = both_signs(R, R)
-        for x_de, expected in ((Q2, 0.0), (Q1, 4 * K_PO)):  # eqs. (45), (44) with (46)
+        for x_de, V in ((Q2, 0.0), (Q1, 4 * K_PO)):  # eqs. (45), (44) with (46)
             value, rate = law.lyapunov_2(x_de, REST, K_PO, K_VO)
-            assert value == pytest.approx(expected, abs=tol.ALGEBRAIC * K_PO)
+            assert value == pytest.approx(V, abs=tol.ALGEBRAIC * K_PO)
             assert rate == 0
             # both are equilibria
-            a_o = law.resolved_acceleration(x_de, REST, REST, REST, K_PO, K_VO)
+            a_o = law.acceleration(x_de, REST, REST, REST, K_PO, K_VO)
             tol.assert_close(a_o, 0, tol.ALGEBRAIC * K_PO)
+
+
+# --- springs, eqs. (56), (62), (66) -------------------------------------------------------------
+@every_representation
+def test_a_spring_pulls_along_the_gradient_of_its_energy_and_is_stiff_as_its_axes_say(name):
+    law = make(name)
+    for m, K_o in zip(regular_motions(law), positive_definite(COUNT, 3, 5, 50), strict=True):
+        spring = law.spring(m.R_d, m.R_e, K_o)
+        moved = turning(m.R_e, m.omega_e)
+        power = derivative(lambda t, m=m, K_o=K_o, at=moved: law.spring(m.R_d, at(t), K_o).energy)
+        assert power == pytest.approx(-spring.moment @ m.omega_e, abs=1e3 * tol.GRADIENT)
+        aligned = law.spring(m.R_e, m.R_e, K_o)
+        tol.assert_close([*aligned.moment, aligned.energy], 0, 100 * tol.ALGEBRAIC)
+        turn = tol.SMALL_ROTATION * m.r
+        moment = law.spring(m.R_e, rodrigues(tol.SMALL_ROTATION, m.r) @ m.R_e, K_o).moment
+        stiffness = aligned.axes @ K_o @ aligned.axes.T
+        tol.assert_close(moment, -stiffness @ turn, 1e3 * tol.FIRST_ORDER)

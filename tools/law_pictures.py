@@ -16,9 +16,10 @@ from PIL import Image
 
 from eulerparams_control import analysis
 from eulerparams_control.analysis.quantities.springs import work_of_contact
+from eulerparams_control.analysis.stacks import angles_between
 from eulerparams_control.analysis.static import STYLE
 from eulerparams_control.lab.experiments.library.set_points import TWO, between, shaped
-from eulerparams_control.laws.rotations import angle_between, log
+from eulerparams_control.laws.rotations import log
 
 RED, GREEN, GREY = "#b03021", "#1a6b43", "#4d5560"
 LOOK = STYLE | {"font.family": "DejaVu Sans", "font.size": 13, "axes.labelsize": 13}
@@ -57,7 +58,7 @@ def tool_down(_runs: Path) -> Figure:
         z = np.c_[Rs[:, :, 2] @ aside, Rs[:, 2, 2]]
         for tip in z:
             axes.annotate("", tip, (0.0, 0.0), arrowprops={"arrowstyle": "->", "color": colour})
-        most = np.degrees(angle_between(np.broadcast_to(TWO[0], Rs.shape), Rs).max())
+        most = np.degrees(angles_between(np.broadcast_to(TWO[0], Rs.shape), Rs).max())
         axes.text(0.0, 1.2, f"{said}:\n{most:.0f} deg away", color=colour, ha="center")
         axes.set(xlim=(-1.4, 1.4), ylim=(-1.05, 1.75), aspect="equal")
         axes.axis("off")

@@ -21,6 +21,7 @@ from eulerparams_control.analysis.series import (
     departure,
     moved,
 )
+from eulerparams_control.analysis.stacks import displacements
 from eulerparams_control.analysis.topics import (
     LATEST,
     NO_START,
@@ -35,7 +36,6 @@ from eulerparams_control.analysis.topics import (
 from eulerparams_control.bags.format import BagFlaw, BagWarning
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.errors import BagError, ConfigurationError
-from eulerparams_control.laws._old.compiled import sample
 from eulerparams_control.laws.orientation import OrientationRepresentation, representation
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.frames import DesiredFrame
@@ -230,8 +230,7 @@ class _Reader:
                 R_d, R_e = desired.R[some], self._arm.robot.states(q[some], dq[some]).R_e
                 for name in OrientationRepresentation.registry:
                     orientation = representation(name, self._arm.orientation)
-                    x_de = orientation.displacement(R_d, R_e, before.get(name))
-                    before[name] = sample(x_de, -1)
+                    before[name] = displacements(orientation, R_d, R_e, before.get(name))[-1]
         return before
 
     def _reports(self) -> RunReports:

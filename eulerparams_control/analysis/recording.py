@@ -6,7 +6,7 @@
 Needs no ROS.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -29,6 +29,7 @@ from eulerparams_control.analysis.compliant import (
 from eulerparams_control.analysis.controllers import options_of, parameters_to_blame, recorded
 from eulerparams_control.analysis.reports import Report
 from eulerparams_control.analysis.series import Efforts, Series, ShapedMotion
+from eulerparams_control.analysis.stacks import displacements, over
 from eulerparams_control.bags.format import BagWarning, in_words
 from eulerparams_control.errors import BagError, RobotError
 from eulerparams_control.laws.force_control import ForceOptions
@@ -40,7 +41,9 @@ from eulerparams_control.laws.orientation import (
 )
 from eulerparams_control.laws.orientation.base import Lyapunov
 from eulerparams_control.laws.rotations import Array
+from eulerparams_control.parameters.clik import ClikParameters
 from eulerparams_control.parameters.common import ControlParameters
+from eulerparams_control.parameters.efforts import ResolvedParameters
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.robot.robot import Robot
@@ -241,23 +244,17 @@ class Recording(RecordedRun):
         """Return a representation with the options that the controller was told."""
         return representation(name, self.options or options_of(self.parameters))
 
-    def displacements(self, name: str) -> Any:
-        """Return x_de in a representation at the M instants ``known``, its fields stacked.
+    def error_in(self, name: str) -> Array:
+        """Return the orientation error (M, 3) in a representation at the instants ``known``."""
+        x_de = self.displacements(self.orientation(name))
+        return over(lambda x: x.error, x_de, shape=(3,))
 
-        ``displacements(name).error`` is the orientation error (M, 3) in its terms.
-        """
-        if name not in self._displacements:
-            leading, known = self.leading, self.known
-            R_d, R_e = leading.desired.R[known], leading.R_e[known]
-            orientation = self.orientation(name)
-            with np.errstate(over="ignore", invalid="ignore"):  # a run that diverged
-                x_de = orientation.displacement(R_d, R_e, self.before.get(name))
-            self._displacements[name] = x_de
-        return self._displacements[name]
-
-    @cached_property
-    def _displacements(self) -> dict[str, Any]:
-        return {}
+    def displacements(self, orientation: OrientationRepresentation) -> list[Any]:
+        """Return x_de of a representation at the M instants ``known``."""
+        leading, known = self.leading, self.known
+        R_d, R_e = leading.desired.R[known], leading.R_e[known]
+        with np.errstate(over="ignore", invalid="ignore"):  # a run that diverged
+            return displacements(orientation, R_d, R_e, self.before.get(orientation.name))
 
     @cached_property
     def lyapunov(self) -> LyapunovSeries | None:
@@ -279,7 +276,7 @@ class Recording(RecordedRun):
     @cached_property
     def pole_distance(self) -> Array:
         """(N,) [rad] angle to the pole of ``sequence``, of the leading series."""
-        return self.sequence.pole_distance(self.leading.R_e)
+        return over(self.sequence.pole_distance, self.leading.R_e)
 
     def parameter(self, name: str, default: Any = None) -> Any:
         """Return the parameter of that name of the first node that has it."""
@@ -318,18 +315,23 @@ def lyapunov_series(recording: Recording) -> LyapunovSeries:
     return LyapunovSeries(t, np.asarray(V), np.asarray(dV), measured)
 
 
-def _along(recording: Recording, told: Any) -> tuple[Array, Lyapunov | None]:
+def _along(recording: Recording, told: ControlParameters) -> tuple[Array, Lyapunov | None]:
     """Return the instants at which there is a desired frame, and V of the law there."""
     series, known = recording.leading, recording.known
     _require_two(series.t[known])
-    x_de = recording.displacements(told.orientation)
+    law = recording.orientation(told.orientation)
+    x_de = recording.displacements(law)
     omega_de = series.desired.omega[known] - series.omega_e[known]
-    lyapunov = getattr(told.law(), "lyapunov", None)
-    if lyapunov is None:
-        raise BagError(
-            f"V of {told.scheme.name} is on its topic lyapunov alone: it needs the inertia"
-        )
-    return series.t[known], lyapunov(x_de, omega_de)
+    match told:
+        case ClikParameters():
+            V = [law.lyapunov_1(x, told.k_Po) for x in x_de]
+        case ResolvedParameters():
+            along = zip(x_de, omega_de, strict=True)
+            V = [law.lyapunov_2(x, omega, told.k_Po, told.k_Vo) for x, omega in along]
+        case _:
+            text = f"V of {told.scheme.name} is on its topic lyapunov alone: it needs the inertia"
+            raise BagError(text)
+    return series.t[known], _stacked(V)
 
 
 def _of_impedance(recording: Recording, told: ImpedanceParameters) -> tuple[Array, Lyapunov | None]:
@@ -344,14 +346,15 @@ def _of_impedance(recording: Recording, told: ImpedanceParameters) -> tuple[Arra
     _, Z = impedances(motion.t[known], told, recording.acting)
     numbers = np.hstack([matrix.reshape(-1, 9) for matrix in Z])
     _, first, which = np.unique(numbers, axis=0, return_index=True, return_inverse=True)
-    value: Any = np.full((2, len(x)), np.nan)
-    for group, place in enumerate(first.tolist()):
-        there = which == group
-        found = orientation.lyapunov_3(R_cd[there], x[there], Z.at(place), mu_d[there])
-        if found is None:
-            return motion.t[known], None
-        value[:, there] = found
-    return motion.t[known], Lyapunov(*value)
+    stages = [Z.at(place) for place in first.tolist()]
+    acting = [stages[stage] for stage in which.ravel().tolist()]
+    return motion.t[known], _stacked(map(orientation.lyapunov_3, R_cd, x, acting, mu_d))
+
+
+def _stacked(values: Iterable[Lyapunov | None]) -> Lyapunov | None:
+    """Return V and dV (N,); None where there is no Lyapunov function."""
+    found = [value for value in values if value is not None]
+    return Lyapunov(*np.array(found).T) if found else None
 
 
 def _require_two(t: Array) -> None:

@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from eulerparams_control.analysis.stacks import angles_between
 from eulerparams_control.laws.inverse import sigma_min
-from eulerparams_control.laws.rotations import Array, angle_between
+from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion import frames as formulas
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement
 from eulerparams_control.robot.robot import Robot, RobotState
@@ -124,7 +125,7 @@ def departure(motion: ShapedMotion) -> str:
     """Describe by how much the motion differs from the references; "" if it is as they asked."""
     with np.errstate(over="ignore", invalid="ignore"):  # what was asked may be non-finite
         away = np.linalg.norm(motion.asked.p - motion.made.p, axis=1)
-        angles = angle_between(motion.asked.R, motion.made.R)
+        angles = angles_between(motion.asked.R, motion.made.R)
     distance = float(np.nanmax(away, initial=0.0))
     angle = float(np.nanmax(angles, initial=0.0))
     slowest = float(motion.rates[:, 1:3].min(initial=1.0))
@@ -220,7 +221,7 @@ class Series:
     def angle_to(self, frames: Frames) -> Array:
         """Return (N,) [rad] the angle of the tip from N frames; NaN where there is none."""
         with np.errstate(over="ignore", invalid="ignore"):
-            return angle_between(frames.R, self.R_e)
+            return angles_between(frames.R, self.R_e)
 
     @cached_property
     def smallest_singular_value(self) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from eulerparams_control.errors import EulerParamsError
 from eulerparams_control.laws.impedance_matrices import symmetric_matrix
-from eulerparams_control.laws.orientation.sequences import Axes, EulerSequence
+from eulerparams_control.laws.orientation.sequences import EulerSequence
 from eulerparams_control.laws.rotations import Array, EulerParameters, R_angle_axis, log
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.fields import from_mapping
@@ -30,7 +30,7 @@ def wxyz(R: Array) -> Array:
 
 def R_rpy(roll: float, pitch: float, yaw: float) -> Array:
     """Return the rotation (3, 3) of the angles [rad] of a URDF."""
-    return np.asarray(EulerSequence("ZYX").R(np.array([yaw, pitch, roll])))
+    return EulerSequence("ZYX").R(np.array([yaw, pitch, roll]))
 
 
 def joint_motion(kind: str, axis: Array, value: float) -> Placement:
@@ -38,7 +38,7 @@ def joint_motion(kind: str, axis: Array, value: float) -> Placement:
     along = np.asarray(axis) / np.linalg.norm(axis)
     if kind == "prismatic":
         return Placement(np.eye(3), value * along)
-    return Placement(np.asarray(R_angle_axis(value, along)), np.zeros(3))
+    return Placement(R_angle_axis(value, along), np.zeros(3))
 
 
 def stiffness_of(scheme: SchemeInfo, values: Mapping[str, Any]) -> tuple[Array, str] | None:
@@ -66,29 +66,28 @@ class Passage(NamedTuple):
     beyond: Array
 
 
-def passage(robot: Robot, q: Array, axes: Axes) -> Passage | None:
+def passage(robot: Robot, q: Array, axes: tuple[int, int, int]) -> Passage | None:
     """Return the shortest turn through a pole that the arm can make where its tip is.
 
     Args:
         robot: the arm.
         q: (n,) where it is.
-        axes: of the Euler angles.
+        axes: i, j, k of the Euler angles as 0, 1, 2.
 
     Returns:
         None if it reaches both sides of neither pole.
     """
     state = robot.state(q, np.zeros(robot.n))
-    tool = state.R_e[:, axes.k]
-    first = np.eye(3)[axes.i]
+    i, _, k = axes
+    tool, first = state.R_e[:, k], np.eye(3)[i]
     for pole in sorted((first, -first), key=lambda d: -float(d @ tool)):
         about = np.cross(tool, pole)
         sine = float(np.linalg.norm(about))
         if sine < 1e-6:  # any axis does that is perpendicular to the tool's
-            about, sine = state.R_e[:, (axes.k + 1) % 3], 1.0
+            about, sine = state.R_e[:, (k + 1) % 3], 1.0
         angle = math.acos(min(1.0, max(-1.0, float(tool @ pole))))
         before, beyond = (
-            np.asarray(R_angle_axis(angle + side, about / sine)) @ state.R_e
-            for side in (-MARGIN, MARGIN)
+            R_angle_axis(angle + side, about / sine) @ state.R_e for side in (-MARGIN, MARGIN)
         )
         there = _reach(robot, q, state.p_e, before)
         if there is not None and _reach(robot, there, state.p_e, beyond) is not None:

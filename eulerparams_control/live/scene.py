@@ -214,9 +214,10 @@ class Scene:
         if self._drawn_poles == (sequence.name, counts):
             return
         self._drawn_poles, self._globe.visible = (sequence.name, counts), True
-        tool = _GLOBE * np.eye(3)[sequence.axes.k]
+        i, _, k = sequence.axes
+        tool = _GLOBE * np.eye(3)[k]
         self._needle.points = np.array([[0.0 * tool, tool]], dtype=np.float32)
-        pole = _GLOBE * np.eye(3)[sequence.axes.i]
+        pole = _GLOBE * np.eye(3)[i]
         for cap, name, at in zip(self._caps, self._names, (pole, -pole), strict=True):
             cap.position, cap.color = at, _POLE if counts else _IDLE
             name.position, name.text = 1.15 * at, f"pole of {sequence.name}"

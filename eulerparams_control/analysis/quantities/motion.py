@@ -21,6 +21,7 @@ from eulerparams_control.analysis.quantities.base import (
 )
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.series import comparable
+from eulerparams_control.analysis.stacks import angles_between, over
 from eulerparams_control.errors import BagError, UnknownNameError
 from eulerparams_control.laws.orientation import EulerSequence
 from eulerparams_control.laws.rotations import Array, angle_between
@@ -118,7 +119,7 @@ def pole_distance(recording: Recording, sequence: str = "", of: str = "leading")
     if not sequence and series is recording.leading:
         return series.t, np.degrees(recording.pole_distance)
     poles = EulerSequence(sequence) if sequence else recording.sequence
-    return series.t, np.degrees(poles.pole_distance(series.R_e))
+    return series.t, np.degrees(over(poles.pole_distance, series.R_e))
 
 
 @drawn(
@@ -152,7 +153,7 @@ def orientation_travel(recording: Recording, of: str = "leading") -> float:
     The sum of the angles between its successive orientations.
     """
     R_e = series_of(recording, of).R_e
-    return math.degrees(angle_between(R_e[:-1], R_e[1:]).sum())
+    return math.degrees(angles_between(R_e[:-1], R_e[1:]).sum())
 
 
 @metric("")

@@ -4,6 +4,7 @@ import numpy as np
 
 from eulerparams_control.analysis.quantities.base import XYZ, Samples, drawn
 from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.stacks import euler_angles
 from eulerparams_control.laws.orientation import ORIENTATIONS, OrientationRepresentation
 
 _NOTHING = np.zeros(0), np.zeros((0, 3))
@@ -22,7 +23,7 @@ def _draw_error(place: float, kind: type[OrientationRepresentation]) -> None:
         known = recording.known
         if not (len(known) and _is_drawn(kind.name, recording)):
             return _NOTHING
-        error = recording.displacements(kind.name).error
+        error = recording.error_in(kind.name)
         return recording.leading.t[known], np.degrees(error) if kind.unit == "rad" else error
 
     drawn(
@@ -70,6 +71,5 @@ def p_e(recording: Recording) -> Samples:
 )  # fmt: skip
 def phi_e(recording: Recording) -> Samples:
     """Return the Euler angles (N, 3) [deg] of the tip."""
-    with np.errstate(invalid="ignore"):  # a run that diverged
-        phi = recording.sequence.extract(recording.leading.R_e)
+    phi = euler_angles(recording.sequence, recording.leading.R_e)
     return recording.leading.t, np.degrees(phi)

@@ -19,9 +19,10 @@ from eulerparams_control.analysis.quantities.base import (
     quotient,
 )
 from eulerparams_control.analysis.recording import Recording
+from eulerparams_control.analysis.stacks import rotation_vectors
 from eulerparams_control.errors import BagError, SingularityError
 from eulerparams_control.laws.compliance_control import ElasticLaw
-from eulerparams_control.laws.rotations import Array, quaternion, rotation_vector
+from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.parameters.compliance_control import ComplianceParameters
 
@@ -96,7 +97,7 @@ def work_of_contact(recording: Recording) -> Samples:
 
 def _work(w: Array, p: Array, R: Array) -> Array:
     """Return the work (N - 1,) [J] of wrenches (N, 6) between poses, by the trapezoidal rule."""
-    turned = rotation_vector(quaternion(R[1:] @ np.swapaxes(R[:-1], 1, 2)))
+    turned = rotation_vectors(R[1:] @ np.swapaxes(R[:-1], 1, 2))
     work: Array = ((w[1:] + w[:-1]) / 2 * np.hstack([np.diff(p, axis=0), turned])).sum(axis=1)
     return work
 

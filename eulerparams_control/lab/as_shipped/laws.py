@@ -21,132 +21,145 @@ K_R.
 """
 
 import math
-from typing import Any
+from abc import abstractmethod
 
-from eulerparams_control.laws._old.compiled import Formula, formula, slot, template
-from eulerparams_control.laws._old.linear import Mat, Vec, cross, identity
-from eulerparams_control.laws._old.matrices import Matrices
-from eulerparams_control.laws._old.orientation.angle_axis import AngleAxisRepresentation
-from eulerparams_control.laws._old.orientation.base import Coordinates
-from eulerparams_control.laws._old.orientation.euler_parameters import (
+import numpy as np
+
+import eulerparams_control.lab.as_shipped._old_laws  # noqa: F401  for laws that take formulas
+from eulerparams_control.laws.impedance_matrices import Matrices
+from eulerparams_control.laws.orientation.angle_axis import AngleAxisRepresentation
+from eulerparams_control.laws.orientation.euler_parameters import (
     EulerParametersRepresentation,
     QuaternionDisplacement,
-    elastic_energy,
 )
-from eulerparams_control.laws._old.orientation.relative_quaternion import (
-    Elastic,
+from eulerparams_control.laws.orientation.relative_quaternion import (
     RelativeQuaternionRepresentation,
-    RelativeTurn,
-    relative_compliance,
-    relative_spring,
+    short,
 )
-from eulerparams_control.laws._old.orientation.rotation_vector import (
-    RotationVectorRepresentation,
-    short_vector,
-)
-from eulerparams_control.laws._old.rotations import EulerParameters, matrix, propagation
+from eulerparams_control.laws.orientation.rotation_vector import RotationVectorRepresentation
+from eulerparams_control.laws.rotations import Array, EulerParameters, cross, rotation_vector
 
 PREFIX = "as_shipped"
 
 LAMBDA = 0.01
 """Of version 2 [rad/s per Nm]: that of its authors' main_geo_discrete_v2.m."""
 
-e = slot
+
+class StiffnessTimesVector(RelativeQuaternionRepresentation):
+    """The moment is K_o e: what packages ship, without the Omega' of the gradient."""
+
+    @abstractmethod
+    def e(self, Q_cd: EulerParameters) -> Array:
+        """Return the vector (3,) of the mutual rotation."""
+
+    def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
+        """Return K_o e."""
+        moment: Array = K_o @ self.e(Q_cd)
+        return moment
+
+    def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
+        """Return e' K_o e / 2, which is no energy of that moment unless K_o is a multiple of I."""
+        e = self.e(Q_cd)
+        return float(e @ K_o @ e) / 2.0
 
 
-@formula
-def twice_eps(Q: EulerParameters) -> Vec:
-    """Return 2 eps of the sign with eta >= 0."""
-    return (-2.0 if Q.eta < 0.0 else 2.0) * Q.eps
+class Eps(StiffnessTimesVector, EulerParametersRepresentation):
+    """K_o 2 eps."""
+
+    name = "as_shipped_eps"
+
+    def e(self, Q_cd: EulerParameters) -> Array:
+        """Return 2 eps of the sign with eta >= 0."""
+        return 2.0 * short(Q_cd).eps
 
 
-@formula
-def sin_r(Q: EulerParameters) -> Vec:
-    """Return sin(theta) r = 2 eta eps."""
-    return (2.0 * Q.eta) * Q.eps
+class Theta(StiffnessTimesVector, RotationVectorRepresentation):
+    """K_o theta r."""
+
+    name = "as_shipped_theta"
+
+    def e(self, Q_cd: EulerParameters) -> Array:
+        """Return theta r, theta in [0, pi]."""
+        return rotation_vector(*short(Q_cd))
 
 
-def _moment(Q_cd: EulerParameters, K_o: Mat) -> Vec:
-    """Return K_o e: what packages ship, without the Omega' of the gradient."""
-    return K_o @ e(Q_cd)
+class Sin(StiffnessTimesVector, AngleAxisRepresentation):
+    """K_o sin(theta) r."""
+
+    name = "as_shipped_sin"
+
+    def e(self, Q_cd: EulerParameters) -> Array:
+        """Return sin(theta) r = 2 eta eps."""
+        return 2.0 * Q_cd.eta * Q_cd.eps
 
 
-def _energy(Q_cd: EulerParameters, K_o: Mat) -> float:
-    """Return e' K_o e / 2, which is no energy of that moment unless K_o is a multiple of I."""
-    return e(Q_cd) @ (K_o @ e(Q_cd)) / 2.0
+def K_R_of(K_o: Array) -> Array:
+    """Return the K_R (3, 3) with K_o = tr(K_R) I - K_R."""
+    K_R: Array = np.trace(K_o) / 2 * np.eye(3) - K_o
+    return K_R
 
 
-@formula
-def K_R_of(K_o: Mat) -> Mat:
-    """Return the K_R with K_o = tr(K_R) I - K_R."""
-    return identity(0.5 * (K_o.xx + K_o.yy + K_o.zz)) - K_o
-
-
-@formula
-def geometric_moment(Q_cd: EulerParameters, K_o: Mat) -> Vec:
-    """Return R (K_R R - R' K_R)^vee, the moment of geometric impedance control in desired axes."""
-    R, K_R = matrix(Q_cd), K_R_of(K_o)
+def geometric_moment(R: Array, K_R: Array) -> Array:
+    """Return (K_R R - R' K_R)^vee (3,), in the axes of the compliant frame."""
     A = K_R @ R - R.T @ K_R
-    return R @ Vec(A.zy, A.xz, A.yx)
+    return np.array([A[2, 1], A[0, 2], A[1, 0]])
 
 
-@formula
-def version_2(y: RelativeTurn, mu_d: Vec, Z: Matrices, options: Coordinates) -> RelativeTurn:
-    """Return dy with M_o (dx + LAMBDA df) + D_o (x + LAMBDA f) + f = mu^d, f the moment above.
+class Geometric(EulerParametersRepresentation):
+    """Geometric impedance control, version 1."""
 
-    df = R (tr(R' K_R) I - R' K_R) R' x.  Its axes are those of the tool: M_o and D_o are to be
-    multiples of I.
-    """
-    Q, x = y
-    R = matrix(Q)
-    f, A = geometric_moment(Q, Z.K), R.T @ K_R_of(Z.K)
-    df = R @ ((identity(A.xx + A.yy + A.zz) - A) @ (R.T @ x))
-    dx = Z.M_inverse @ (mu_d - Z.D @ (x + LAMBDA * f) - f) - LAMBDA * df
-    return RelativeTurn(propagation(Q, x), dx)
+    name = "as_shipped_geometric"
+
+    def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
+        """Return R (K_R R - R' K_R)^vee in desired axes."""
+        R = Q_cd.R
+        return R @ geometric_moment(R, K_R_of(K_o))
 
 
-@formula
-def sliding(
-    x_de: QuaternionDisplacement, omega_d: Vec, domega_d: Vec, omega_e: Vec, k_Po: float,
-    k_Vo: float, options: Coordinates,
-) -> Vec:  # fmt: skip
-    """Return domega_d + l deps_de + k (Delta omega_de + l eps_de).
+class Geometric2(Geometric):
+    """Geometric impedance control, version 2."""
 
-    With l k = k_Po and l / 2 + k = k_Vo: small errors then obey (41).  NaN if k_Vo^2 < 2 k_Po.
-    """
-    if k_Vo * k_Vo < 2.0 * k_Po:
-        return Vec(math.nan, math.nan, math.nan)
-    k = 0.5 * (k_Vo + math.sqrt(k_Vo * k_Vo - 2.0 * k_Po))
-    l, eps, eta = 2.0 * (k_Vo - k), x_de.eps_de, x_de.Q_de.eta
-    turning = omega_d - matrix(EulerParameters(eta, eps)) @ omega_e  # of R_d R_e'
-    deps = 0.5 * (eta * turning - cross(eps, turning))  # eq. (9)
-    return domega_d + l * deps + k * (omega_d - omega_e + l * eps)
+    name = "as_shipped_geometric_2"
 
+    def rate(self, y: Array, mu_d: Array, Z: Matrices) -> Array:
+        """Return dy with M_o (dx + LAMBDA df) + D_o (x + LAMBDA f) + f = mu^d.
 
-def _ship(
-    kind: type[RelativeQuaternionRepresentation], of: str, moment: Formula, energy: Formula,
-    rate: Formula | None = None, **own: Any,
-) -> None:  # fmt: skip
-    """Register a representation like ``kind`` with another elastic moment, or rate of (59)."""
-    name, elastic = f"{PREFIX}_{of}", Elastic(moment, energy)
-    compliance, spring = relative_compliance(name, elastic), relative_spring(name, elastic)
-    own |= {"compliance": compliance._replace(rate=rate) if rate else compliance, "spring": spring}
-    own |= {"name": name, "elastic": elastic, "__doc__": kind.__doc__, "__module__": __name__}
-    type(f"AsShipped{of.title()}", (kind,), own)
+        f is the moment of version 1, df = R (tr(R' K_R) I - R' K_R) R' x.  Its axes are those of
+        the tool: M_o and D_o are to be multiples of I.
+        """
+        dy = super().rate(y, mu_d, Z)
+        Q, x = EulerParameters(y[0], y[1:4]), y[4:]
+        R, f = Q.R, self.elastic_moment(Q, Z.K)
+        A = R.T @ K_R_of(Z.K)
+        df = R @ ((np.trace(A) * np.eye(3) - A) @ (R.T @ x))
+        dy[4:] = Z.M_inverse @ (mu_d - Z.D @ (x + LAMBDA * f) - f) - LAMBDA * df
+        return dy
 
 
-def _plain(of: str, vector: Formula) -> tuple[Formula, Formula]:
-    """Return the moment K_o e, and what passes for its energy."""
-    return (
-        formula(template(_moment, f"{PREFIX}_{of}_moment", e=vector)),
-        formula(template(_energy, f"{PREFIX}_{of}_energy", e=vector)),
-    )
+class Sliding(EulerParametersRepresentation):
+    """The quaternion sliding variable."""
 
+    name = "as_shipped_sliding"
 
-_ship(EulerParametersRepresentation, "eps", *_plain("eps", twice_eps))
-_ship(RotationVectorRepresentation, "theta", *_plain("theta", short_vector))
-_ship(AngleAxisRepresentation, "sin", *_plain("sin", sin_r))
-_of_eps = EulerParametersRepresentation
-_ship(_of_eps, "geometric", geometric_moment, elastic_energy)
-_ship(_of_eps, "geometric_2", geometric_moment, elastic_energy, version_2)
-_ship(_of_eps, "sliding", *_of_eps.elastic, laws=_of_eps.laws._replace(acceleration=sliding))
+    def acceleration(
+        self,
+        x_de: QuaternionDisplacement,
+        omega_d: Array,
+        domega_d: Array,
+        omega_e: Array,
+        k_Po: float,
+        k_Vo: float,
+    ) -> Array:
+        """Return domega_d + l deps_de + k (Delta omega_de + l eps_de).
+
+        With l k = k_Po and l / 2 + k = k_Vo: small errors then obey (41).
+
+        Raises:
+            SingularityError: if k_Vo^2 < 2 k_Po.
+        """
+        root = k_Vo * k_Vo - 2.0 * k_Po
+        k = 0.5 * (k_Vo + math.sqrt(root)) if root >= 0.0 else math.nan
+        l, eps, eta = 2.0 * (k_Vo - k), x_de.error, x_de.Q_de.eta
+        turning = omega_d - EulerParameters(eta, eps).R @ omega_e  # of R_d R_e'
+        deps = 0.5 * (eta * turning - cross(eps, turning))  # eq. (9)
+        return self.finite(domega_d + l * deps + k * (omega_d - omega_e + l * eps))

@@ -8,11 +8,12 @@ import numpy as np
 from eulerparams_control.lab.as_shipped.laws import PREFIX
 from eulerparams_control.lab.experiments.library._arms import ur5
 from eulerparams_control.lab.experiments.library.closed_path_law import SHIPPED, closed_path, work
-from eulerparams_control.laws.clik import Clik, ClikLaw
+from eulerparams_control.laws.clik import Clik
 from eulerparams_control.laws.orientation import ORIENTATIONS, representation
 from eulerparams_control.laws.orientation.base import OrientationRepresentation
 from eulerparams_control.laws.rotations import exp
 from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.parameters.clik import ClikParameters
 
 _AXIS = np.array([0.36, -0.48, 0.8])
 _ELSEWHERE = exp(np.array([0.7, 0.4, -1.1]))  # R_e, away from the poles
@@ -68,7 +69,7 @@ def gain(law: OrientationRepresentation, angle_deg: float) -> float:
 def cost(law: OrientationRepresentation) -> float:
     """Return the time [s] of one tick of CLIK on a UR5, the fastest of some."""
     robot, home = ur5()
-    scheme = Clik(robot, ClikLaw(law, 100.0, 100.0))
+    scheme = Clik(robot, ClikParameters(orientation=law.name, enforce_limits=False))
     state = robot.state(home, np.zeros_like(home))
     desired = DesiredFrame(state.p_e, state.R_e @ exp(0.1 * _AXIS))
     scheme.reset(home)

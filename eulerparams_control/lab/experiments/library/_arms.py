@@ -7,12 +7,13 @@ import numpy as np
 
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.errors import SimulationError
-from eulerparams_control.laws.clik import Clik, ClikLaw
+from eulerparams_control.laws.clik import Clik
 from eulerparams_control.laws.orientation import OrientationRepresentation
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import Tick
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.motion.way_points import parse_way_points
+from eulerparams_control.parameters.clik import ClikParameters
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
 
@@ -58,7 +59,10 @@ def clik(
     Raises:
         SimulationError: if the controller gives up.
     """
-    scheme = Clik(robot, ClikLaw(law, *gains), limits=None)
+    k_Pp, k_Po = gains
+    parameters = ClikParameters(orientation=law.name, k_Pp=k_Pp, k_Po=k_Po, enforce_limits=False)
+    scheme = Clik(robot, parameters)
+    scheme.orientation = law  # which may be in no registry
     options = ControllerOptions(max_jump_rotation=math.pi, require_reference=True)
     controller = Controller(scheme, options, q_0)
     controller.orders.follow(motion, None)

@@ -64,7 +64,7 @@ def led(name: str, stiffness: float) -> list[Array]:
     for R_a in map(exp, np.vstack([out, around, out[::-1]])):
 
         def mu(R: Array, R_a: Array = R_a) -> Array:
-            spring = law.spring(np.eye(3), R, K_LED, law.options.values)
+            spring = law.spring(np.eye(3), R, K_LED)
             moment: Array = spring.moment + stiffness * log(R_a @ R.T)
             return moment
 
@@ -76,6 +76,6 @@ def led(name: str, stiffness: float) -> list[Array]:
 def work(name: str, path: list[Array], K_o: Array = K_O) -> Array:
     """Return the work (N,) [J] done against the spring of a law between rotations, R_d = I."""
     law = representation(name)
-    mu = [-law.spring(np.eye(3), R, K_o, law.options.values).moment for R in path]
+    mu = [-law.spring(np.eye(3), R, K_o).moment for R in path]
     steps = [(mu[i] + mu[i + 1]) / 2 @ log(path[i + 1] @ path[i].T) for i in range(len(path) - 1)]
     return np.array(steps)

@@ -16,10 +16,8 @@ from eulerparams_control.lab.experiments.library import Number, Result
 from eulerparams_control.lab.experiments.library._arms import SEED, ur5
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.orientation import SEQUENCES, EulerSequence, representation
-from eulerparams_control.laws.orientation.euler_angles import AnglesInput
 from eulerparams_control.laws.orientation.relative_quaternion import (
     RelativeQuaternionRepresentation,
-    RelativeTurn,
 )
 from eulerparams_control.laws.orientation.sequences import wrap
 from eulerparams_control.laws.rotations import (
@@ -265,11 +263,11 @@ def _resolved() -> Residuals:
     motions = zip(vectors(FEW, 23), vectors(FEW, 24), vectors(FEW, 25), strict=True)
     for (R_d, R_e), (omega_d, domega_d, omega_e) in zip(pairs, motions, strict=True):
         x_de = law.displacement(R_d, R_e)
-        a_o = law.resolved_acceleration(x_de, omega_d, domega_d, omega_e, _k_P, _k_V)
+        a_o = law.acceleration(x_de, omega_d, domega_d, omega_e, _k_P, _k_V)
         dphi_d, ddphi_d = _rates(accelerated(R_d, omega_d, domega_d))
         printed = a_o + _XYZ.T(x_de.phi_e) @ (dphi_d - ddphi_d)
         for name, domega_e in (("(38)", a_o), ("(38) as printed", printed)):
-            yield name, _left(x_de.dphi_de, (dphi_d, ddphi_d), R_e, omega_e, domega_e)
+            yield name, _left(x_de.error, (dphi_d, ddphi_d), R_e, omega_e, domega_e)
 
 
 def _rates(R_of: Callable[[float], Array]) -> tuple[Array, Array]:
@@ -302,21 +300,20 @@ def _compliant() -> Residuals:
     frame differenced, and the law gets what follows from them, R_c, omega_c and domega_c.
     """
     law = representation("euler_angles")
-    (begin, drive, rate, _, end_of), options = law.compliance, law.options.values
     frames = zip(*(_clear_of_poles(key) for key in (33, 34, 35)), strict=True)
     motions = zip(*(vectors(FEW, key) for key in range(36, 41)), strict=True)
     for (R_d, R_c, R_e), (omega_d, domega_d, omega_c, mu, omega_e) in zip(
         frames, motions, strict=True
     ):
-        u = drive(R_d, mu, AnglesInput(np.zeros(3), mu), options)
-        y = begin(R_d, omega_d, R_c, omega_c, options)
-        dy = rate(y, u, _Z.values, options)
-        end = end_of(y, dy, u, R_d, omega_d, domega_d, options)
+        u = law.drive(R_d, mu, None)
+        y = law.begin(R_d, omega_d, R_c, omega_c)
+        dy = law.rate(y, u, _Z.values)
+        end = law.end(y, dy, u, R_d, omega_d, domega_d)
         x_ce = law.displacement(end.R_c, R_e)
-        a_o = law.resolved_acceleration(x_ce, end.omega_c, end.domega_c, omega_e, _k_P, _k_V)
+        a_o = law.acceleration(x_ce, end.omega_c, end.domega_c, omega_e, _k_P, _k_V)
         dphi_d, ddphi_d = _rates(accelerated(R_d, omega_d, domega_d))
-        aims = dphi_d + y.dphi_cd, ddphi_d + dy.dphi_cd
-        error = wrap(_XYZ.extract(R_d) + y.phi_cd - x_ce.phi_e)
+        aims = dphi_d + y[3:], ddphi_d + dy[3:]
+        error = wrap(_XYZ.extract(R_d) + y[:3] - x_ce.phi_e)
         T, dphi_e = _XYZ.T(x_ce.phi_e), _XYZ.rates(x_ce.phi_e, omega_e)
         printed = a_o - _XYZ.dT(x_ce.phi_e, dphi_e) @ dphi_e + T @ dphi_e
         for name, domega_e in (("(50)", a_o), ("(50) as printed", printed)):
@@ -326,13 +323,11 @@ def _compliant() -> Residuals:
 def _turning_frame() -> Residuals:
     """Yield those of (59): the acceleration of the compliant frame while the desired one turns."""
     law = representation("euler_parameters")
-    end, options = law.compliance.end, law.options.values
+    zero, Q = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
     moving = zip(vectors(FEW, 26), vectors(FEW, 27), vectors(FEW, 28), strict=True)
     for R_d, (omega_d, x, dx) in zip(rotations(FEW, 29), moving, strict=True):
-        zero = np.zeros(3)
-        y = RelativeTurn(EulerParameters(1.0, zero), x)
-        dy = RelativeTurn(EulerParameters(0.0, zero), dx)
-        found = end(y, dy, zero, R_d, omega_d, zero, options).domega_c
+        y, dy = np.concatenate((Q, x)), np.concatenate((0.0 * Q, dx))
+        found = law.end(y, dy, zero, R_d, omega_d, zero).domega_c
         rate = derivative(partial(_omega_c, R_d, omega_d, x, dx))
         yield "(59)", size(found - rate)
         yield "(59) as printed", size(R_d @ dx - rate)

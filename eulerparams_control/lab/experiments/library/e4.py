@@ -1,23 +1,14 @@
 """E4 (b): CLIK (23) with rates of the desired angles from their differences, through the pole."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from eulerparams_control.lab.experiments.library import Number, Result
 from eulerparams_control.lab.experiments.library._arms import STEP_NS, T1, clik, ur5
-from eulerparams_control.laws._old.compiled import formula
-from eulerparams_control.laws._old.linear import Mat, Vec, VecLike
 from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
-from eulerparams_control.laws.orientation import (
-    OrientationRepresentation,
-    euler_angles,
-    representation,
-)
-from eulerparams_control.laws.orientation.base import Coordinates, Laws
-from eulerparams_control.laws.orientation.euler_angles import EulerAnglesDisplacement
-from eulerparams_control.laws.orientation.euler_angles import displacement as angles_of
-from eulerparams_control.laws.orientation.sequences import T_of
+from eulerparams_control.laws.orientation import OrientationRepresentation, representation
+from eulerparams_control.laws.orientation.euler_angles import EulerAnglesRepresentation
 from eulerparams_control.laws.rotations import Array
 
 _K = 100.0  # [1/s]
@@ -26,42 +17,30 @@ _JUMP = 100.0  # times the speed of Euler parameters: no motion of the path
 
 
 class DifferencedDisplacement(NamedTuple):
-    """Angles as in (22), and phi_d of the sample before: of no use but in this file."""
+    """Angles as in (22), and phi_d of the sample before; at the first that of now."""
 
-    angles: EulerAnglesDisplacement
-    before: VecLike
-    is_known: float
-
-    @property
-    def error(self) -> Array:
-        """phi_d - phi_e (3,) [rad]."""
-        return self.angles.dphi_de
+    phi_d: Array
+    phi_e: Array
+    error: Array
+    before: Array
 
 
-@formula
-def displacement(
-    R_d: Mat, R_e: Mat, previous: DifferencedDisplacement, options: Coordinates
-) -> DifferencedDisplacement:
-    """Return the angles, and phi_d of the sample before; at the first that of now."""
-    angles = angles_of(R_d, R_e, previous.angles, options)
-    before = previous.angles.phi_d if previous.is_known != 0.0 else angles.phi_d
-    return DifferencedDisplacement(angles, before, 1.0)
-
-
-@formula
-def velocity(x_de: DifferencedDisplacement, omega_d: Vec, k_Po: float, options: Coordinates) -> Vec:
-    """Return T(phi_e) (dphi_d + k_Po (phi_d - phi_e)), eq. (23), dphi_d by differences."""
-    dphi_d = (x_de.angles.phi_d - x_de.before) / _STEP
-    return T_of(options.axes, x_de.angles.phi_e) @ (dphi_d + k_Po * x_de.angles.dphi_de)
-
-
-class DifferencedAngles(euler_angles.EulerAnglesRepresentation):
+class DifferencedAngles(EulerAnglesRepresentation):
     """Euler angles whose desired rates are differences of phi_d, as a planner of angles has them.
 
     Of no use but to show what it does, so it is not in the registry.
     """
 
-    laws = Laws(displacement, velocity, euler_angles.acceleration)
+    def displacement(self, R_d: Array, R_e: Array, previous: Any = None) -> Any:
+        """Return the angles, and phi_d of the sample before."""
+        phi_d, phi_e, error = super().displacement(R_d, R_e, previous)
+        before = phi_d if previous is None else previous.phi_d
+        return DifferencedDisplacement(phi_d, phi_e, error, before)
+
+    def velocity(self, x_de: Any, omega_d: Array, k_Po: float) -> Array:
+        """Return T(phi_e) (dphi_d + k_Po (phi_d - phi_e)), eq. (23), dphi_d by differences."""
+        dphi_d = (x_de.phi_d - x_de.before) / _STEP
+        return self.options.sequence.T(x_de.phi_e) @ (dphi_d + k_Po * x_de.error)
 
 
 def run() -> Result:

@@ -7,12 +7,12 @@ energy tr(K_R (I - R)).
 import numpy as np
 
 from eulerparams_control.analysis.charts import Chart, Line
-from eulerparams_control.lab.as_shipped.laws import LAMBDA
+from eulerparams_control.lab.as_shipped.laws import LAMBDA, K_R_of, geometric_moment
 from eulerparams_control.lab.experiments.library import Number, Result
 from eulerparams_control.lab.experiments.library._rest import at_rest
 from eulerparams_control.lab.experiments.library.e1 import generator, rotations
 from eulerparams_control.laws.orientation import representation
-from eulerparams_control.laws.orientation.euler_parameters import elastic_energy, elastic_moment
+from eulerparams_control.laws.orientation.euler_parameters import EulerParametersRepresentation
 from eulerparams_control.laws.rotations import Array, angle_between, quaternion
 
 COUNT = 1000
@@ -73,24 +73,16 @@ def _turn(name: str, K_o: Array, mu: Array, factor: float = 1.0) -> float:
     law = representation(name)
 
     def moment(R: Array) -> Array:
-        spring = law.spring(np.eye(3), R, K_o, law.options.values)
+        spring = law.spring(np.eye(3), R, K_o)
         total: Array = factor * spring.moment + mu
         return total
 
     return float(np.degrees(angle_between(np.eye(3), at_rest(moment, np.eye(3)))))
 
 
-def K_R_of(K_o: Array) -> Array:
-    """Return K_R (3, 3) with K_o = tr(K_R) I - K_R."""
-    K_R: Array = np.trace(K_o) / 2 * np.eye(3) - K_o
-    return K_R
-
-
 def _apart(K_R: Array, R: Array) -> tuple[float, float]:
     """Return by what moments and energies differ; both moments in the compliant axes."""
-    K_o, Q = np.trace(K_R) * np.eye(3) - K_R, quaternion(R)
-    A = K_R @ R - R.T @ K_R
-    geometric = np.array([A[2, 1], A[0, 2], A[1, 0]])
-    moment = R.T @ elastic_moment(Q, K_o)
-    energy = np.trace(K_R @ (np.eye(3) - R)) - elastic_energy(Q, K_o)
-    return float(np.abs(geometric - moment).max()), abs(float(energy))
+    law, K_o, Q = EulerParametersRepresentation(), np.trace(K_R) * np.eye(3) - K_R, quaternion(R)
+    moment = geometric_moment(R, K_R) - R.T @ law.elastic_moment(Q, K_o)
+    energy = np.trace(K_R @ (np.eye(3) - R)) - law.elastic_energy(Q, K_o)
+    return float(np.abs(moment).max()), abs(float(energy))

@@ -44,7 +44,7 @@ def asymmetry(robot: Robot, q: Array, name: str, angle_deg: float) -> float:
 
     def tau(q: Array) -> Array:
         state = robot.state(q, np.zeros_like(q))
-        mu = law.spring(R_d, state.R_e, K_O, law.options.values).moment
+        mu = law.spring(R_d, state.R_e, K_O).moment
         effort: Array = state.J[3:].T @ mu
         return effort
 

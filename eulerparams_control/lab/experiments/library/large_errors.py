@@ -82,7 +82,7 @@ def _acceleration(law: OrientationRepresentation, x_de: Any, omega: Array, pull:
     """Return that of the error about z [rad/s^2], which turns by omega (3,)."""
     if law.name == "as_shipped_sliding":
         still = np.zeros(3)
-        a = law.resolved_acceleration(x_de, still, still, -omega, K_P / law.slope, K_V)
+        a = law.acceleration(x_de, still, still, -omega, K_P / law.slope, K_V)
         return -float(a[2])
     return float(-K_V * omega[2] - pull)
 

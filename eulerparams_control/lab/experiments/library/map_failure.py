@@ -1,6 +1,6 @@
 """Where in SO(3) dynamic control (38), (40) fails: errors at rest, and a turn that is followed.
 
-A free frame, J = I: it has no workspace and no singularity of its own, so that what fails is the
+A free frame: it has no workspace and no singularity of its own, so that what fails is the
 representation. The same errors and noise for each.
 """
 
@@ -14,10 +14,9 @@ from numpy.random import Generator
 from eulerparams_control.errors import SingularityError
 from eulerparams_control.lab.experiments.library import Result
 from eulerparams_control.lab.experiments.library._map import COLUMNS, Column, Map, random_axis
-from eulerparams_control.laws._old.dynamic_control import ResolvedAcceleration
+from eulerparams_control.laws.orientation import OrientationRepresentation
 from eulerparams_control.laws.rotations import Array, angle_between, exp
 from eulerparams_control.motion.frames import DesiredFrame
-from eulerparams_control.robot.robot import RobotState
 
 MAP = Map(COLUMNS, directions=150, seed=1, trials=2, tasks=(45.0, 100.0, 150.0, 0.0))
 """Tasks: the error [deg] of a frame at rest; 0 is a turn that is followed for the whole run."""
@@ -28,14 +27,12 @@ SETTLED = math.radians(0.5)
 FAST = 1.5  # peak speed, over that of a direct turn, that counts as a failure
 _DT, _STEPS = 2e-3, 300  # 0.6 s
 _FASTEST = 1e6  # [rad/s] beyond it has diverged
-_ZERO, _SIX, _J = np.zeros(3), np.zeros(6), np.eye(6)
+_ZERO = np.zeros(3)
 
 
 def simulate(column: Column, error: float, R_d: Array, random: Generator) -> dict[str, float]:
     """Return the peak speed over that of a direct turn, infinite if the frame is lost."""
-    k_Po = RATE**2 / column.representation.slope  # the same for small errors
-    law = ResolvedAcceleration(column.representation, k_Po=k_Po, k_Vo=2 * RATE)
-    r, theta = random_axis(random), math.radians(error)
+    law, r, theta = column.representation, random_axis(random), math.radians(error)
     omega_d, direct = (_ZERO, RATE * theta / math.e) if theta else (SPEED * r, SPEED)
 
     def desired(t: float) -> DesiredFrame:
@@ -46,7 +43,7 @@ def simulate(column: Column, error: float, R_d: Array, random: Generator) -> dic
 
 
 def peak_speed(
-    law: ResolvedAcceleration,
+    law: OrientationRepresentation,
     desired: Callable[[float], DesiredFrame],
     R: Array,
     random: Generator,
@@ -56,16 +53,17 @@ def peak_speed(
     It is lost where it diverges, or is not settled: at the end, or where it turns at any time.
     """
     omega, noise = desired(0.0).omega_d, NOISE * random.normal(size=(_STEPS, 3))
+    k_Po, k_Vo = RATE**2 / law.slope, 2 * RATE  # the same for small errors
     turns, peak, is_lost, x_de = omega.any(), 0.0, False, None
     for i in range(_STEPS):
         target = desired(i * _DT)
         is_lost = angle_between(R, target.R_d) > SETTLED or (is_lost and turns)
-        measured = RobotState(_SIX, _SIX, _ZERO, exp(noise[i]) @ R, _ZERO, omega, _J)
+        x_de = law.displacement(target.R_d, exp(noise[i]) @ R, x_de)
         try:
-            a, _, x_de = law.acceleration(measured, target, x_de)
+            a_o = law.acceleration(x_de, target.omega_d, target.domega_d, omega, k_Po, k_Vo)
         except (SingularityError, OverflowError):
             return math.inf
-        before, omega = omega, omega + _DT * a[3:]
+        before, omega = omega, omega + _DT * a_o
         R = exp(_DT / 2 * (before + omega)) @ R
         speed = math.sqrt(omega @ omega)
         if not speed < _FASTEST:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from eulerparams_control.analysis.charts import Chart, Line
-from eulerparams_control.lab.as_shipped.pose import Twist, dual, log6
+from eulerparams_control.lab.as_shipped.pose import Dual, Log6
 from eulerparams_control.lab.experiments.library import Number, Result
 from eulerparams_control.laws.rotations import Array, exp, quaternion, right_jacobian
 
@@ -52,12 +52,12 @@ def off_line(law: "Law", angle_deg: float) -> float:
     return most
 
 
-type Law = Callable[[Array, Array], Twist]
+type Law = Callable[[Array, Array], tuple[Array, Array]]
 
 
-def _apart(p: Array, R: Array) -> Twist:
+def _apart(p: Array, R: Array) -> tuple[Array, Array]:
     """Return p and 2 eps, (28): the tip goes straight in the base axes."""
-    return Twist(p, 2.0 * quaternion(R).eps)
+    return p, 2.0 * quaternion(R).eps
 
 
-LAWS: dict[str, Law] = {"log6": log6, "dual quaternion": dual, "apart": _apart}
+LAWS: dict[str, Law] = {"log6": Log6().twist, "dual quaternion": Dual().twist, "apart": _apart}

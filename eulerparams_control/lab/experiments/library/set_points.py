@@ -2,21 +2,20 @@
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from eulerparams_control.analysis.charts import Chart, Line
+from eulerparams_control.analysis.stacks import angles_between, over
 from eulerparams_control.lab.experiments.library import Number, Result
 from eulerparams_control.laws.orientation import EulerSequence
 from eulerparams_control.laws.rotations import (
     Array,
     EulerParameters,
-    angle_between,
     exp,
+    log,
     matrix,
     quaternion,
-    rotation_vector,
 )
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import MotionLimits
@@ -54,7 +53,7 @@ def run() -> Result:
     text = "rotation vector, shaper on"
     numbers["rotation_vector_on"] = Number(max(_away(through_shaper, R_1)), text, "deg")
     for name, Rs in (("off", rotation_vectors), ("on", through_shaper)):
-        speed = float(angle_between(Rs[:-1], Rs[1:]).max()) * _RATE
+        speed = float(angles_between(Rs[:-1], Rs[1:]).max()) * _RATE
         text = f"rotation vector, shaper {name}: peak speed"
         numbers[f"speed_{name}"] = Number(speed, text, "rad/s")
     return Result(numbers, Chart("share of the way", "away from the first [deg]", tuple(lines)))
@@ -73,15 +72,15 @@ def shaped(stream: Array) -> Array:
 
 def _away(Rs: Array, R_1: Array) -> list[float]:
     """Return the angle [deg] between each rotation and the first set-point."""
-    angles: list[float] = np.degrees(angle_between(np.broadcast_to(R_1, Rs.shape), Rs)).tolist()
+    angles: list[float] = np.degrees(angles_between(np.broadcast_to(R_1, Rs.shape), Rs)).tolist()
     return angles
 
 
 def astray(name: str, R_1: Array, R_2: Array, sequence: str = "XYZ") -> float:
     """Return the largest angle [deg] of what is between R_1 and R_2 off the geodesic."""
-    geodesic = R_1 @ exp(_SHARES * rotation_vector(quaternion(R_1.T @ R_2)))
+    geodesic = R_1 @ over(exp, _SHARES * log(R_1.T @ R_2), shape=(3, 3))
     by_component = between(name, R_1, R_2, sequence=sequence)
-    return math.degrees(float(angle_between(geodesic, by_component).max()))
+    return math.degrees(float(angles_between(geodesic, by_component).max()))
 
 
 def between(
@@ -93,20 +92,14 @@ def between(
     angles, which are not wrapped.
     """
     if name == "euler_angles":
-        extract = EulerSequence(sequence).extract
-        x = _way(extract(R_1), extract(R_2), shares)
-        axes = ("XYZ".index(letter) for letter in sequence)
-        i, j, k = (exp(x[:, n, None] * np.eye(3)[axis]) for n, axis in enumerate(axes))
-        R: Array = i @ j @ k
-        return R
-    Q_1, Q_2 = quaternion(R_1), quaternion(R_2)
+        phi = EulerSequence(sequence)
+        return over(phi.R, _way(phi.extract(R_1), phi.extract(R_2), shares), shape=(3, 3))
     if name == "rotation_vector":
-        return exp(_way(rotation_vector(Q_1), rotation_vector(Q_2), shares))
+        return over(exp, _way(log(R_1), log(R_2), shares), shape=(3, 3))
     to, back = _OF_Q[name]
-    Q = back(_way(to(Q_1), to(Q_2), shares))
+    Q = back(_way(to(quaternion(R_1)), to(quaternion(R_2)), shares))
     Q = Q / np.linalg.norm(Q, axis=1, keepdims=True)
-    eta: Any = Q[:, 0]
-    return matrix(EulerParameters(eta, Q[:, 1:]))
+    return over(matrix, Q[:, 0], Q[:, 1:], shape=(3, 3))
 
 
 def _way(x_1: Array, x_2: Array, shares: Array) -> Array:
