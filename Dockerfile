@@ -13,6 +13,6 @@ RUN apt-get update \
 RUN . "/opt/ros/$ROS_DISTRO/setup.sh" \
  && colcon build --packages-select eulerparams_control \
  && . install/setup.sh \
- && ros2 run eulerparams_control compile_laws
+ && python3 -c "from eulerparams_control.parameters.schemes import schemes; schemes()"
 RUN sed --in-place --expression '$isource "/ws/install/setup.bash"' /ros_entrypoint.sh
 CMD ["ros2", "run", "eulerparams_control", "experiment", "demo", "--out", "/tmp/out"]

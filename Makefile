@@ -16,7 +16,7 @@ export ROS_PYTHON_CHECK_FIELDS ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 unexport PYTHONDONTWRITEBYTECODE  # or each process of a run or a test compiles all again
 
-.PHONY: setup compiled demo live test test-long test-floor floor-tests bench paper compare yardstick yardstick-paper docs picture lint clean
+.PHONY: setup demo live test test-long test-floor floor-tests bench paper compare yardstick yardstick-paper docs picture lint clean
 
 setup: $(READY)
 
@@ -25,10 +25,6 @@ $(FIRST): setup.py setup.cfg package.xml tools/setup
 
 $(READY): $(FIRST)
 	@bash tools/setup $(VENV) rest
-
-# What was changed since: a node that is active compiles nothing.
-compiled: $(READY)
-	@$(PYTHON) -m eulerparams_control.control.compile_laws
 
 # It needs a part of the set-up only.
 demo: $(FIRST)
@@ -39,12 +35,12 @@ demo: $(FIRST)
 live: $(READY)
 	@$(VENV)/bin/live $(ARGS)
 
-test: compiled
+test:
 	@$(PYTHON) -m pytest -n 2 --dist loadfile -m "not slow" \
 	  --hypothesis-profile quick --durations 20 $(ARGS)
 
 # One after the other: many of these tests run in real time. Fuzzing has all its examples here.
-test-long: compiled
+test-long:
 	@$(PYTHON) -m pytest -m "slow or hypothesis" --durations 20 $(ARGS)
 
 # With the oldest libraries that the package runs with: what ROS 2 Jazzy has on Ubuntu 24.04.
@@ -52,7 +48,6 @@ $(FLOOR)/.floor: setup.py setup.cfg package.xml tools/setup tools/floor.txt
 	@bash tools/setup $(FLOOR) floor
 
 test-floor: $(FLOOR)/.floor
-	@$(FLOOR)/bin/python -m eulerparams_control.control.compile_laws
 	@$(FLOOR)/bin/python -m pytest -n 2 --dist loadfile -m "not slow" --hypothesis-profile quick \
 	  --durations 10 $(FLOOR_TESTS:%=test/test_%.py) $(ARGS)
 
@@ -60,7 +55,7 @@ floor-tests:
 	@echo $(FLOOR_TESTS:%=test/test_%.py)
 
 # As users run it, without the checks of fields.  Each script has --help.
-bench: compiled
+bench:
 	@for name in tick node simulation; do \
 	  env -u ROS_PYTHON_CHECK_FIELDS $(PYTHON) benchmarks/$$name.py || exit; done
 
@@ -72,7 +67,7 @@ compare: $(READY)
 	@$(VENV)/bin/experiment --compare $(if $(JOBS),--jobs $(JOBS)) --out $(OUT)/compare $(ARGS)
 
 # What the laws command, beside what they did; ARGS=--write keeps that of now: docs/contributing.md.
-yardstick: compiled
+yardstick:
 	@$(PYTHON) test/yardstick.py $(ARGS)
 
 # The same of the experiments, after make paper and make compare.
@@ -80,7 +75,7 @@ yardstick-paper: $(READY)
 	@$(PYTHON) test/yardstick_paper.py $(ARGS) $(OUT)/paper $(OUT)/compare
 
 docs: $(READY)
-	@EULERPARAMS_PLAIN=1 NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build --strict --quiet --site-dir $(OUT)/docs
+	@NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build --strict --quiet --site-dir $(OUT)/docs
 	@echo "The site: $(OUT)/docs/index.html"
 
 picture: $(READY)

@@ -13,7 +13,6 @@ EXECUTABLES = [
     "analyze",
     "bag_recorder",
     "clik",
-    "compile_laws",
     "compliance_control",
     "dynamic_control",
     "experiment",

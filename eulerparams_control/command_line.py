@@ -25,7 +25,6 @@ PROGRAMS = {
     "bag_recorder": "eulerparams_control.bags.recorder",
     "analyze": "eulerparams_control.analysis.main",
     "experiment": "eulerparams_control.lab.experiments.main",
-    "compile_laws": "eulerparams_control.control.compile_laws",
     "live": "eulerparams_control.live.main",
 }
 """The modules of the executables that are not named after their file."""

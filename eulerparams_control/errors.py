@@ -48,17 +48,6 @@ class ConfigurationError(EulerParamsError):
     """A parameter, a YAML file or an option is impossible."""
 
 
-class NotCompiledError(ConfigurationError):
-    """A law would have to be compiled while an arm is controlled."""
-
-    def __init__(self) -> None:
-        super().__init__(
-            "its formulas are not loaded, as they were not compiled on this machine, which takes "
-            "seconds without commands: deactivate, set it, and activate; or run compile_laws "
-            "before the node is configured"
-        )
-
-
 class UnknownNameError(ConfigurationError):
     """A name is not among those that exist.
 

@@ -1,10 +1,6 @@
-"""Commands of every scheme and representation along a motion, as rows in a file: FILE.
-
-Nothing is compiled meanwhile.
-"""
+"""Commands of every scheme and representation along a motion, in a file: FILE."""
 
 import sys
-from unittest.mock import patch
 
 import numpy as np
 
@@ -34,9 +30,8 @@ def commands(arm, robot, info, orientation):
         q = np.array(arm.home) + 1e-3 * k * dq
         if k == STEPS - 5:
             controller.orders.halt()
-        with patch("eulerparams_control.laws._old.compiled.entry", side_effect=AssertionError):
-            command = controller.step((k + 1) * 4 * MS, q, dq, now=4e-3 * (k + 1))
-            controller.guidance.lyapunov()
+        command = controller.step((k + 1) * 4 * MS, q, dq, now=4e-3 * (k + 1))
+        controller.guidance.lyapunov()
         assert command is not None
         told = (command.q, command.dq, command.effort)
         rows.append(np.concatenate([part for part in told if part is not None]))

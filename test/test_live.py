@@ -20,7 +20,6 @@ from playwright.sync_api import Browser, Page
 from ros_processes import PATIENCE, Graph, Process, environment, values
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from eulerparams_control.control import compile_laws
 from eulerparams_control.events import Event, events_of
 from eulerparams_control.laws.rotations import angle_between
 from eulerparams_control.live.geometry import MARGIN
@@ -120,7 +119,6 @@ def open_page(browser: Browser) -> Callable[..., Page]:
 
 @pytest.fixture(scope="module")
 def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Live]:
-    compile_laws.main([])  # else the law is silent for seconds when its representation is changed
     with Graph(tmp_path_factory.mktemp("live")) as graph:
         live = Live(graph)
         live.until("holding")

@@ -41,9 +41,7 @@ from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 from eulerparams_control import events
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.events import Event, events_of
-from eulerparams_control.laws._old.compiled import IS_COMPILED
 from eulerparams_control.laws.inverse import sigma_min
-from eulerparams_control.laws.orientation import OrientationRepresentation
 from eulerparams_control.laws.rotations import EulerParameters, angle_between
 from eulerparams_control.messages.from_ros import motion_from_ros, ns_from_ros
 from eulerparams_control.messages.keys import SLOWED
@@ -242,20 +240,6 @@ def test_a_representation_that_is_changed_between_two_states_is_shown_by_its_fir
     node.graph.advance(1.5)  # what is shown meanwhile is none of the tick of the other one
     node.arm.ticks(50)
     assert "internal error" not in node.status().message + node.graph.logs()
-
-
-@pytest.mark.skipif(not IS_COMPILED, reason="nothing is compiled")
-def test_a_law_that_has_to_be_compiled_is_refused_while_the_arm_is_controlled(node, monkeypatch):
-    class Own(OrientationRepresentation.registry["rotation_vector"]):
-        """Of this file: what is compiled for it is not kept."""
-
-    monkeypatch.setitem(OrientationRepresentation.registry, "rotation_vector", Own)
-    node.change(k_Po=90.0)
-    (refusal,) = node.peer.set_parameters(node.name, orientation="rotation_vector")
-    assert "not compiled on this machine" in refusal
-    assert node.peer.get_parameters(node.name, "orientation", "k_Po") == ["euler_parameters", 90.0]
-    node.arm.ticks(50)  # each is answered by the law before
-    assert values(node.status())["orientation"] == "euler_parameters"
 
 
 # --- lifecycle -------------------------------------------------------------------------------

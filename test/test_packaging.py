@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[1]
 EXECUTABLES = {
     *("clik", "compliance_control", "dynamic_control", "impedance_control", "reference"),
     *("pybullet_bridge", "identify_tool", "fault_injector"),
-    *("analyze", "bag_recorder", "compile_laws", "experiment", "live", "teleop"),
+    *("analyze", "bag_recorder", "experiment", "live", "teleop"),
     "watchdog",
 }
 PARTS = (
@@ -272,7 +272,7 @@ def test_each_step_says_what_it_does_and_when_it_began(set_up, tmp_path, part):
 
 @pytest.mark.parametrize(
     ("fails", "words"),
-    [("--upgrade pip", "pip could not be set up"), ("compile_laws", "laws could not be compiled"),
+    [("--upgrade pip", "pip could not be set up"), ("laws could not be compiled"),
      ("--editable", "the packages could not be installed")],
 )  # fmt: skip
 def test_a_step_that_fails_ends_it_in_one_line(set_up, tmp_path, fails, words):

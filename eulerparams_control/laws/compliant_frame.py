@@ -161,6 +161,8 @@ class CompliantFrame:
         now: the compliant frame of the last step; None before the first.
     """
 
+    energy_left: float
+
     def __init__(self, law: ComplianceLaw, tank: float = math.inf) -> None:
         self.law = self._before = law
         self._dips, self._most_energy = (np.zeros((3, 3)), np.zeros((3, 3))), tank
@@ -190,7 +192,7 @@ class CompliantFrame:
     def reset(self) -> None:
         """Forget the state; a change is done, and its tank full."""
         self.changed = 1.0
-        self.energy_left: float = self._most_energy
+        self.energy_left = self._most_energy
         self.now: DesiredFrame | None = None
         self._desired: DesiredFrame | None = None
         self._known = _Known.NOTHING

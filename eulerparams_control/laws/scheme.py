@@ -2,11 +2,12 @@
 
 import math
 from abc import ABC, abstractmethod
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from eulerparams_control.errors import FollowingError
+from eulerparams_control.errors import EulerParamsError, FollowingError
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import Lyapunov
 from eulerparams_control.laws.rotations import Array, angle_between, norm
@@ -118,6 +119,14 @@ def refuse_error(desired: DesiredFrame, arm: RobotState, position: float, rotati
             "blocked, or the orientation singular? then send the reference again, else "
             "raise max_error_rotation"
         )
+
+
+def rehearse(scheme: "Scheme") -> None:
+    """Make two ticks at zero, so that nothing is done for the first time while an arm moves."""
+    zero = np.zeros(scheme.robot.n)
+    with suppress(EulerParamsError):  # zero may be singular
+        for _ in range(2):
+            scheme.tick(1e-3, zero, zero, scheme.frame_at(zero))
 
 
 class Scheme(ABC):

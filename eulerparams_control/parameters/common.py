@@ -6,12 +6,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from eulerparams_control.errors import ConfigurationError, NotCompiledError
-from eulerparams_control.laws._old.compiled import nothing_compiled
+from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.inverse import DampedInverse
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import (
-    ORIENTATIONS,
     SEPARATE,
     SEQUENCES,
     SIGNS,
@@ -265,30 +263,6 @@ class ControlParameters(RealTimeParameters):
                 f"joints {', '.join(robot.joints)}"
             )
         return np.array(self.posture) if self.posture else None
-
-
-def load_laws(parameters: Any, robot: Robot) -> set[str]:
-    """Load the laws that are compiled: from the disk they take a tenth of a second each.
-
-    Args:
-        parameters: those of a scheme; the laws are of all orientations.
-        robot: the arm.
-
-    Returns:
-        the orientations whose laws are loaded.
-    """
-    loaded = {parameters.orientation}
-    for orientation in ORIENTATIONS:
-        other = replace(parameters, orientation=orientation)
-        try:
-            with nothing_compiled():
-                other.make_scheme(robot)
-        except NotCompiledError:
-            continue
-        except ConfigurationError:
-            pass  # of what does not suit it now; a change is judged then
-        loaded.add(orientation)
-    return loaded
 
 
 def each_joint(name: str, given: tuple[float, ...], robot: Robot) -> Array:

@@ -19,15 +19,13 @@ from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.errors import (
     ConfigurationError,
     EulerParamsError,
-    NotCompiledError,
     defect,
 )
 from eulerparams_control.events import Event, tell
-from eulerparams_control.laws._old.compiled import nothing_compiled
-from eulerparams_control.laws.scheme import Scheme
+from eulerparams_control.laws.scheme import Scheme, rehearse
 from eulerparams_control.messages.keys import Lifecycle
 from eulerparams_control.messages.keys import LifecycleCause as Cause
-from eulerparams_control.parameters.common import ControlParameters, load_laws
+from eulerparams_control.parameters.common import ControlParameters
 from eulerparams_control.parameters.schemes import TORQUE, SchemeInfo
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.commands import CommandPublisher, Commands
@@ -61,7 +59,6 @@ class ManagedNode(LifecycleNode):
         refuse_unless_simulated(self, self._params)
         claim(self._params, self._health)
         self._robot: Robot | None = None
-        self._loaded: set[str] = set()  # the orientations whose laws are
         self._controller: Controller | None = None
         self._description = self._params.robot_description
         self.time = RosTime(self)
@@ -133,12 +130,9 @@ class ManagedNode(LifecycleNode):
         old, self._params = self._params, new
         try:
             if self._controller is not None and self._robot is not None:
-                if new.orientation not in self._loaded:  # to load it takes a tenth of a second
-                    raise NotCompiledError
-                with nothing_compiled():
-                    if new.orientation != old.orientation:  # nothing is taken of what is refused
-                        new.make_scheme(self._robot)
-                    self.change_scheme(self._controller.scheme, new)
+                if new.orientation != old.orientation:  # nothing is taken of what is refused
+                    new.make_scheme(self._robot)
+                self.change_scheme(self._controller.scheme, new)
                 self._controller.changed(ControllerOptions.of(new))
                 changed = [name for name, now in asdict(new).items() if now != getattr(old, name)]
                 text = ", ".join(f"{name} {getattr(new, name)}" for name in changed)
@@ -147,7 +141,6 @@ class ManagedNode(LifecycleNode):
             elif self._robot is not None:
                 # refuses now what activation would refuse
                 self.make_scheme(self._robot)
-                self._loaded.add(new.orientation)
         except ConfigurationError:
             self._params = old
             raise
@@ -166,8 +159,7 @@ class ManagedNode(LifecycleNode):
             robot = self._params.robot(self._description)
             robot.refuse_joints()
             # refuses now what activation would refuse
-            self.make_scheme(robot)
-            self._loaded = load_laws(self._params, robot)
+            rehearse(self.make_scheme(robot))
         except EulerParamsError as error:
             return self._fail(f"not configured: {error}", Lifecycle.UNCONFIGURED)
         self._robot = robot

@@ -1,16 +1,10 @@
 """The nodes of schemes with the laws as shipped, for experiments."""
 
-import os
 from importlib import import_module
 
 
 def prepare() -> None:
-    """Register the laws as shipped; to be called before any law is imported.
-
-    Formulas run as plain Python: those of this room are in no cache, and an experiment in lock-step
-    waits.
-    """
-    os.environ["EULERPARAMS_PLAIN"] = "1"
+    """Register the laws as shipped; to be called before the parameters of a node are declared."""
     import_module("eulerparams_control.lab.as_shipped.laws")
     import_module("eulerparams_control.lab.as_shipped.pose")
 

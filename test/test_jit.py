@@ -1,0 +1,93 @@
+"""Compiled primitives: the same as plain Python, none compiled while an arm moves, their cache."""
+
+import os
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import numba.core.event
+import numpy as np
+import pytest
+from plain_run import all_commands
+from tolerances import assert_close
+
+from eulerparams_control.laws.jit import cache_folder
+from eulerparams_control.laws.orientation import ORIENTATIONS
+from eulerparams_control.parameters.schemes import schemes
+from eulerparams_control.robot.catalogue import load_robot
+
+
+class Compilations(numba.core.event.Listener):
+    """Counts what numba compiles."""
+
+    def __init__(self):
+        self.count = 0
+
+    def on_start(self, event):
+        self.count += 1
+
+    def on_end(self, event):
+        """Nothing is counted at the end."""
+
+
+@contextmanager
+def counted():
+    compilations = Compilations()
+    with numba.core.event.install_listener("numba:compile", compilations):
+        yield compilations
+
+
+def test_schemes_command_the_same_where_nothing_is_compiled_and_compile_nothing(tmp_path):
+    script, file = Path(__file__).with_name("plain_run.py"), tmp_path / "commands.npz"
+    environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
+    subprocess.run([sys.executable, script, file], env=environment, check=True)
+    with counted() as compilations:
+        compiled = all_commands()
+    assert compilations.count == 0
+    plain = np.load(file)
+    assert set(plain.files) == compiled.keys()
+    for name, commands in compiled.items():
+        scale = np.abs(commands).max()
+        assert_close(plain[name] / scale, commands / scale, 1e-12)
+
+
+@pytest.mark.parametrize("name", schemes())
+def test_another_representation_compiles_nothing(name):
+    ur5 = load_robot("ur5")
+    parameters = schemes()[name].parameters
+    robot = parameters(tip_frame=ur5.tip_frame).robot(ur5.urdf)
+    scheme, home = parameters(tip_frame=ur5.tip_frame).make_scheme(robot), np.array(ur5.home)
+    scheme.reset(home)
+    with counted() as compilations:
+        for orientation in ORIENTATIONS:
+            parameters(tip_frame=ur5.tip_frame, orientation=orientation).change_scheme(scheme)
+            scheme.tick(1e-3, home, np.zeros(6), scheme.frame_at(home))
+    assert compilations.count == 0
+
+
+@pytest.mark.slow
+def test_without_a_folder_that_can_be_written_primitives_are_compiled_all_the_same(tmp_path):
+    file = tmp_path / "file"
+    file.write_text("")
+    code = "import eulerparams_control.laws.rotations"
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(file), "TMPDIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, check=True, capture_output=True, text=True
+    )
+    assert "set NUMBA_CACHE_DIR to a folder that can be written" in done.stderr
+    assert "once for this version and this machine: some 40 s" in done.stderr
+    assert list(tmp_path.iterdir()) == [file]  # what was compiled lasts no longer than the process
+
+
+def test_of_a_folder_for_many_programs_only_what_is_its_own_is_deleted(tmp_path, monkeypatch):
+    mine, other = tmp_path / "eulerparams_control" / ("0" * 12), tmp_path / "other"
+    for folder in (mine, other):
+        (folder / "deep").mkdir(parents=True)
+        os.utime(folder, (0, 0))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    folder = Path(cache_folder.__wrapped__())
+    assert folder.parent == mine.parent
+    assert folder.is_dir()
+    assert other.is_dir()
+    assert not mine.exists()
