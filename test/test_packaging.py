@@ -272,7 +272,7 @@ def test_each_step_says_what_it_does_and_when_it_began(set_up, tmp_path, part):
 
 @pytest.mark.parametrize(
     ("fails", "words"),
-    [("--upgrade pip", "pip could not be set up"), ("laws could not be compiled"),
+    [("--upgrade pip", "pip could not be set up"), ("schemes()", "laws could not be compiled"),
      ("--editable", "the packages could not be installed")],
 )  # fmt: skip
 def test_a_step_that_fails_ends_it_in_one_line(set_up, tmp_path, fails, words):
