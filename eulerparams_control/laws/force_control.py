@@ -32,35 +32,13 @@ errors: of these only Lambda k_P / (K dt) [1/s] is left, 4 where Lambda = 4 kg m
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws._old.compiled import (
-    Array,
-    Input,
-    Inputs,
-    Row,
-    Rows,
-    entry,
-    formula,
-    layout,
-    to_rows,
-)
-from eulerparams_control.laws._old.linear import (
-    Vec,
-    column,
-    identity,
-    inverse,
-    mat,
-    norm,
-    put_vec,
-    read_vec,
-    vec,
-)
-from eulerparams_control.laws._old.matrices import Matrices
-from eulerparams_control.laws.compliant_frame import LawNumbers
+from eulerparams_control.laws.impedance_matrices import Matrices
+from eulerparams_control.laws.jit import Array
+from eulerparams_control.laws.rotations import inverse
 from eulerparams_control.motion.frames import DesiredFrame
 
 AXES = "xyz"
@@ -119,77 +97,6 @@ _CONTACTS, _WITHIN = 3, 2.0
 _MEAN = 0.3
 
 
-class _Numbers(NamedTuple):
-    """The options in numbers."""
-
-    w: float
-    v_max: float
-    K_max: float
-    M: float
-
-
-class _SetPoint(NamedTuple):
-    """The force that is asked for, its rate, and its slow mean."""
-
-    f_d: float
-    df_d: float
-    mean: float
-
-
-class _Surface(NamedTuple):
-    """The force, and the motion of the surface, as observed (FC2)."""
-
-    f: float
-    v_s: float
-    a_s: float
-
-
-class _Changes(NamedTuple):
-    """Of x_e, f and f_d, against their means."""
-
-    x: float
-    f: float
-    g: float
-
-
-class _Learned(NamedTuple):
-    """K as learned, the trust in it, 0 to 1: so much of the observer acts; and its sums."""
-
-    K: float
-    trust: float
-    is_reached: bool
-    S_x: float
-    S_f: float
-
-
-class _Axis(NamedTuple):
-    """What is known along an axis; ``v`` is the speed that was asked for last."""
-
-    is_on: bool
-    touches: bool
-    x_e: float
-    v: float
-    wanted: _SetPoint
-    surface: _Surface
-    variance: float  # [N^2] of f without contact
-    means: _Changes
-    learned: _Learned
-
-
-class _Wanted(NamedTuple):
-    """Velocity and acceleration that the compliant frame is to have, and the change (FC6)."""
-
-    v: float
-    a: float
-    change: float
-
-
-_width, _read, _put, _pack, _unpack = layout(_Axis)
-_, _read_law, _put_law = layout(LawNumbers)[:3]
-_TOUCHES, _SPEED = 1, 3  # where in the row of an axis
-_read_numbers = layout(_Numbers).read
-
-
 @dataclass(frozen=True)
 class ForceOptions:
     """How a force is exerted.
@@ -226,212 +133,185 @@ class ForceOptions:
         """1 (3,) for each force axis, else 0."""
         return np.array([float(axis in self.axes) for axis in AXES])
 
-    def values(self, times: float) -> Array:
-        """Return the options as a row, with so many times the damping."""
-        w = 2.0 * math.pi * self.bandwidth / times
-        return to_rows(_Numbers, _Numbers(w, self.max_speed, self.stiffest, self.mass))
 
-
-# --- one axis ------------------------------------------------------------------------------
-
-
-@formula
 def _clipped(value: float, most: float) -> float:
     """Return a value within -most and most."""
     return max(-most, min(most, value))
 
 
-@formula
-def _set(before: _SetPoint, target: float, dt: float) -> _SetPoint:
-    """Return the set-point on its way to a target [N]."""
-    wanted = -math.expm1(-dt / _SMOOTH) * (target - before.f_d)
-    df = _clipped(wanted, _SLEW * dt)
-    f_d = before.f_d + df
-    return _SetPoint(f_d, df / dt, before.mean - math.expm1(-dt / _MEAN) * (f_d - before.mean))
+def _share(dt: float, time_constant: float) -> float:
+    """Return 1 - e^(-dt / T): the part of its way that a first-order lag goes in dt [s]."""
+    return -math.expm1(-dt / time_constant)
 
 
-@formula
-def _observed(
-    before: _Surface, know: _Learned, f: float, dx: float, most: float, w: float, dt: float
-) -> _Surface:
-    """Return the surface (FC2) after the tip went dx [m], to the force f; ``most`` is of v_s."""
-    pole = math.exp(-_OBSERVER * w * dt)
-    at = before.f + know.K * (dx - before.v_s * dt)
-    missed, change = f - at, know.trust * (f - at) / (know.K * dt)
-    v_s = before.v_s + before.a_s * dt - 1.5 * (1.0 - pole) ** 2 * (1.0 + pole) * change
-    a_s = before.a_s - (1.0 - pole) ** 3 * change / dt
-    at += (1.0 - pole**3) * missed
-    return _Surface(at, _clipped(v_s, most), _clipped(a_s, most / _FASTEST))
+# --- one axis ------------------------------------------------------------------------------
 
 
-@formula
-def _landing(know: _Learned, by: _Changes, left: float, K_max: float, dt: float) -> _Learned:
-    """Return the stiffness until the force is reached (FC3); ``left`` [1] is of it."""
-    force = (know.K * by.x) ** 2
-    weight, s = force / (force + _NOISE**2), _NOISE * math.sqrt(_FIRST / 10.0)
-    stays = math.exp(-weight * dt / _FIRST)
-    S_xx = stays * know.S_x + weight * by.x * by.x * dt
-    S_xf = stays * know.S_f + weight * by.x * by.f * dt
-    if S_xx == 0.0:
-        return know
-    found = max(_SOFTEST, min(_STIFFER * K_max, (S_xf + s * math.sqrt(S_xx)) / S_xx))
-    K = know.K - math.expm1(-weight * dt / _FOLLOWS) * (found - know.K)
-    trust = 1.0 / (1.0 + (5.0 * s) ** 2 / (K * K * S_xx))
-    if left < _REACHED and trust > _SURE:
-        return _Learned(K, trust, True, 0.0, 0.0)
-    return _Learned(K, trust, False, S_xx, S_xf)
+@dataclass
+class _SetPoint:
+    """The force f_d on its way to the one that was sent, its rate, and its slow mean."""
+
+    f_d: float
+    df_d: float
+    mean: float
+
+    def move(self, target: float, dt: float) -> None:
+        """Go on towards a target [N]."""
+        df = _clipped(_share(dt, _SMOOTH) * (target - self.f_d), _SLEW * dt)
+        self.f_d += df
+        self.df_d = df / dt
+        self.mean += _share(dt, _MEAN) * (self.f_d - self.mean)
 
 
-@formula
-def _landed(know: _Learned, by: _Changes, K_max: float, dt: float) -> _Learned:
-    """Return the stiffness after the force was reached (FC4)."""
-    weight, K = by.g * by.g / (by.g * by.g + _NOISE**2), know.K
-    stays = math.exp(-weight * dt / _LATER)
-    S_gx = stays * know.S_x + weight * by.g * by.x * dt
-    S_gf = stays * know.S_f + weight * by.g * by.f * dt
-    if S_gx > 0.0 and S_gf > 0.0:
-        found = max(_SOFTEST, min(_STIFFER * K_max, S_gf / S_gx))
-        weight *= S_gf / (S_gf + 0.1 * _NOISE**2)
-        K -= math.expm1(-weight * dt / _FOLLOWS_LATER) * (found - K)
-    trust = know.trust - math.expm1(-dt / _TRUSTS) * (1.0 - know.trust)
-    return _Learned(K, trust, True, S_gx, S_gf)
+@dataclass
+class _Stiffness:
+    """The stiffness K as learned, and the trust in it, 0 to 1: so much of the observer acts.
 
-
-@formula
-def _moved(
-    axis: _Axis, target: float, f: float, dx: float, across: float, options: _Numbers, dt: float
-) -> _Axis:
-    """Return the axis dt [s] later.
-
-    Args:
-        axis: it.
-        target: [N] what was sent.
-        f: [N] now.
-        dx: [m] that the tip went.
-        across: [m/s] the speed across the axis, which a slope turns into that of the surface.
-        options: of the law.
-        dt: positive.
+    Attributes:
+        is_reached: whether f was near f_d in this contact.
+        S_x, S_f: weighted sums of (FC3), or of (FC4) from then on.
     """
-    wanted, x_e = _set(axis.wanted, target, dt), axis.x_e + dx
-    f_d, surface, means, know = wanted.f_d, axis.surface, axis.means, axis.learned
-    least = max(_TOUCH * abs(f_d), _NOISE, _NOISES * math.sqrt(axis.variance))
-    touches = abs(f) > (0.5 * least if axis.touches else least)
-    share, variance = -math.expm1(-dt / _CHANGES), axis.variance
-    x, g = means.x + share * (x_e - means.x), means.g + share * (f_d - means.g)
-    means = _Changes(x, means.f + share * (f - means.f), g)
-    by = _Changes(x_e - means.x, f - means.f, f_d - means.g)
-    if touches != axis.touches:  # nothing is learned yet
-        surface, means = _Surface(f, 0.0, 0.0), _Changes(x_e, f, f_d)
-        know = _Learned(options.K_max, 0.0, False, 0.0, 0.0)
-    elif not touches:
-        # a contact that begins is beyond the noise, on the other side
-        if by.f * f_d <= 0.0 or by.f * by.f <= _BEGINS * variance:
-            variance -= math.expm1(-dt / _LISTENS) * (by.f * by.f - variance)
-    else:
-        surface = _observed(surface, know, f, dx, options.v_max + across, options.w, dt)
-        if know.is_reached:
-            know = _landed(know, by, options.K_max, dt)
+
+    K: float
+    trust: float = 0.0
+    is_reached: bool = False
+    S_x: float = 0.0
+    S_f: float = 0.0
+
+    def learn_landing(self, x: float, f: float, left: float, K_max: float, dt: float) -> None:
+        """Learn of changes x [m], f [N] (FC3); ``left`` is the part of f_d that is missing."""
+        by_x = (self.K * x) * (self.K * x)
+        weight = by_x / (by_x + _NOISE**2)
+        stays = math.exp(-weight * dt / _FIRST)
+        self.S_x = S_xx = stays * self.S_x + weight * x * x * dt
+        self.S_f = S_xf = stays * self.S_f + weight * x * f * dt
+        if S_xx == 0.0:
+            return
+        s = _NOISE * math.sqrt(_FIRST / 10.0)
+        estimate = (S_xf + s * math.sqrt(S_xx)) / S_xx  # (FC3)
+        self._follow(estimate, _share(weight * dt, _FOLLOWS), K_max)
+        self.trust = self.K * self.K * S_xx / (self.K * self.K * S_xx + (5.0 * s) ** 2)
+        if left < _REACHED and self.trust > _SURE:
+            self.is_reached, self.S_x, self.S_f = True, 0.0, 0.0
+
+    def learn_landed(self, x: float, f: float, g: float, K_max: float, dt: float) -> None:
+        """Learn of changes x [m], f [N] and g [N] of f_d, after the force was reached (FC4)."""
+        weight = g * g / (g * g + _NOISE**2)
+        stays = math.exp(-weight * dt / _LATER)
+        self.S_x = S_gx = stays * self.S_x + weight * g * x * dt
+        self.S_f = S_gf = stays * self.S_f + weight * g * f * dt
+        if S_gx > 0.0 and S_gf > 0.0:
+            weight *= S_gf / (S_gf + 0.1 * _NOISE**2)
+            self._follow(S_gf / S_gx, _share(weight * dt, _FOLLOWS_LATER), K_max)  # (FC4)
+        self.trust += _share(dt, _TRUSTS) * (1.0 - self.trust)
+
+    def _follow(self, estimate: float, share: float, K_max: float) -> None:
+        estimate = max(_SOFTEST, min(_STIFFER * K_max, estimate))
+        self.K += share * (estimate - self.K)
+
+
+@dataclass
+class _Surface:
+    """The force, and the motion of the surface, as observed (FC2)."""
+
+    f: float
+    v_s: float = 0.0
+    a_s: float = 0.0
+
+    def observe(
+        self, f: float, dx: float, contact: _Stiffness, v_max: float, w: float, dt: float
+    ) -> None:
+        """Go on after the tip went dx [m], to the force f; ``v_max`` [m/s] bounds v_s."""
+        pole = math.exp(-_OBSERVER * w * dt)
+        predicted = self.f + contact.K * (dx - self.v_s * dt)
+        missed = f - predicted
+        change = contact.trust * missed / (contact.K * dt)
+        v_s = self.v_s + self.a_s * dt - 1.5 * (1.0 - pole) ** 2 * (1.0 + pole) * change
+        a_s = self.a_s - (1.0 - pole) ** 3 * change / dt
+        self.f = predicted + (1.0 - pole**3) * missed
+        self.v_s, self.a_s = _clipped(v_s, v_max), _clipped(a_s, v_max / _FASTEST)
+
+
+class _Axis:
+    """What is known along a force axis.
+
+    The arguments of its methods: ``f`` [N] now; ``across`` [m/s] the speed across the axis, which
+    a slope turns into that of the surface; ``options`` of the law and its bandwidth ``w``.
+
+    Attributes:
+        touches: whether there is a contact.
+        wanted: the force that is asked for.
+        x_e: [m] the way of the tip.
+        mean_x, mean_f, mean_g: of x_e, f, f_d, within the time of their changes.
+        variance: [N^2] of f without contact.
+        contact, surface: as learned, as observed.
+        v: [m/s] the speed that the compliant frame was to have last.
+    """
+
+    def __init__(self, f: float, options: ForceOptions) -> None:
+        self.touches, self.x_e, self.v, self.variance = False, 0.0, 0.0, _FIRST_VARIANCE
+        self.wanted = _SetPoint(f, 0.0, f)
+        self._forget(f, options)
+
+    def _forget(self, f: float, options: ForceOptions) -> None:
+        self.mean_x, self.mean_f, self.mean_g = self.x_e, f, self.wanted.f_d
+        self.contact, self.surface = _Stiffness(options.stiffest), _Surface(f)
+
+    def move(
+        self, f: float, dx: float, across: float, options: ForceOptions, w: float, dt: float
+    ) -> None:
+        """Go on by dt [s], in which the tip went dx [m]."""
+        self.x_e += dx
+        f_d, K_max, share = self.wanted.f_d, options.stiffest, _share(dt, _CHANGES)
+        least = max(_TOUCH * abs(f_d), _NOISE, _NOISES * math.sqrt(self.variance))
+        touched, self.touches = self.touches, abs(f) > (0.5 * least if self.touches else least)
+        if touched != self.touches:
+            self._forget(f, options)
+            return
+        self.mean_x += share * (self.x_e - self.mean_x)
+        self.mean_f += share * (f - self.mean_f)
+        self.mean_g += share * (f_d - self.mean_g)
+        by_x, by_f, by_g = self.x_e - self.mean_x, f - self.mean_f, f_d - self.mean_g
+        if not self.touches:
+            # a contact that begins is beyond the noise, on the other side
+            if by_f * f_d <= 0.0 or by_f * by_f <= _BEGINS * self.variance:
+                self.variance += _share(dt, _LISTENS) * (by_f * by_f - self.variance)
+            return
+        self.surface.observe(f, dx, self.contact, options.max_speed + across, w, dt)
+        if self.contact.is_reached:
+            self.contact.learn_landed(by_x, by_f, by_g, K_max, dt)
         else:
             left = abs(f_d - f) / max(abs(f_d), _NOISE)
-            know = _landing(know, by, left, options.K_max, dt)
-    return _Axis(True, touches, x_e, axis.v, wanted, surface, variance, means, know)
+            self.contact.learn_landing(by_x, by_f, left, K_max, dt)
 
+    def lead(
+        self, f: float, across: float, options: ForceOptions, w: float, dt: float
+    ) -> tuple[float, float, float]:
+        """Return velocity and acceleration that the frame is to have, and the change (FC6)."""
+        f_d, df_d, K_max = self.wanted.f_d, self.wanted.df_d, options.stiffest
+        size, T = max(abs(f_d), _NOISE), max(math.sqrt(options.mass / K_max), dt)
+        v_most = min(options.max_speed, size / (K_max * T))  # (FC5)
+        if not self.touches:
+            u = v_most * _clipped(3.0 * (f_d - f) / size, 1.0)
+            return self._gather(u, v_most, _share(dt, _GATHERS), _ACCELERATION * dt), 0.0, 0.0
+        K, trust = self.contact.K, self.contact.trust
+        v_s, a_s = self.surface.v_s + self.surface.a_s * dt, self.surface.a_s  # at the next tick
+        proven = max(0.0, min(1.0, (trust - _UNPROVEN) / (_PROVEN - _UNPROVEN)))
+        v_most += proven * (options.max_speed + across - v_most)  # (FC5)
+        u = v_s + (w * (f_d - f) + df_d) / K  # (FC1)
+        v = self._gather(u, v_most, 1.0, _IN_CONTACT * dt)
+        return v, a_s if u == v else 0.0, K * (v - v_s) * dt  # (FC6)
 
-@formula
-def _asked(axis: _Axis, f: float, across: float, options: _Numbers, dt: float) -> _Wanted:
-    """Return what the frame is to do along an axis; see :func:`_moved`."""
-    wanted, surface, know = axis.wanted, axis.surface, axis.learned
-    T, f_d = max(math.sqrt(options.M / options.K_max), dt), max(abs(wanted.f_d), _NOISE)
-    most = min(options.v_max, f_d / (options.K_max * T))  # (FC5)
-    v_s, a_s, share, most_a = 0.0, 0.0, -math.expm1(-dt / _GATHERS), _ACCELERATION
-    u = most * _clipped(3.0 * (wanted.f_d - f) / f_d, 1.0)
-    if axis.touches:
-        v_s, a_s = surface.v_s + surface.a_s * dt, surface.a_s  # until the next tick
-        share, most_a = 1.0, _IN_CONTACT
-        proven = max(0.0, min(1.0, (know.trust - _UNPROVEN) / (_PROVEN - _UNPROVEN)))
-        most += proven * (options.v_max + across - most)
-        u = v_s + (options.w * (wanted.f_d - f) + wanted.df_d) / know.K  # (FC1)
-    v = _clipped(u, most)
-    if abs(v) > abs(axis.v):
-        v = axis.v + _clipped(share * (v - axis.v), most_a * dt)
-    change = know.K * (v - v_s) * dt if axis.touches else 0.0
-    return _Wanted(v, a_s if u == v else 0.0, change)
+    def _gather(self, u: float, v_most: float, share: float, dv_most: float) -> float:
+        """Return the next speed on its way to u [m/s]; it grows by no more than dv_most."""
+        v = _clipped(u, v_most)
+        if abs(v) > abs(self.v):
+            v = self.v + _clipped(share * (v - self.v), dv_most)
+        self.v = v
+        return v
 
 
 # --- all axes ------------------------------------------------------------------------------
-
-
-@entry
-def _drive(
-    R: Inputs, d: Input, off: Input, w: Input, target: Input, dp_d: Input, ddp_d: Input,
-    numbers: Input, dt: float, state: Rows, found: Row,
-) -> float:  # fmt: skip
-    """Fill what drives the frame, instead of the wrench: f, mu; the swing of f_d; the change (FC6).
-
-    Args:
-        R: (3, 3) whose columns are the axes.
-        d: (3,) [m] that the tip went since the tick before.
-        off: (3,) [m] of the tip from the compliant frame.
-        w: (6,) contact on the tool, about the centre.
-        target: (3,) [N] what the tool is to exert, along the axes.
-        dp_d, ddp_d: of the desired frame.
-        numbers: the options.
-        dt: [s] since the tick before.
-        state: (3, _) of the axes; it moves on.
-        found: (12,) to be filled.
-
-    Returns:
-        the rate r [1/s] of (FC1).
-    """
-    options, axes = _read_numbers(numbers, 0), mat(R)
-    r, f, swing = _FRAME * options.w, read_vec(w, 0), Vec(0.0, 0.0, 0.0)
-    ahead = Vec(0.0, 0.0, 0.0)
-    v_d, a_d, force = vec(dp_d), vec(ddp_d), f
-    for i in range(3):
-        axis, n = _read(state[i], 0), column(axes, i)
-        if axis.is_on:
-            exerted = -(n @ f)
-            across = norm(v_d - (n @ v_d) * n)
-            if dt > 0.0:
-                axis = _moved(axis, target[i], exerted, n @ vec(d), across, options, dt)
-                _put(state[i], 0, axis)
-            wanted = _asked(axis, exerted, across, options, dt)
-            state[i, _SPEED] = wanted.v
-            back = _RETURNS * options.w * (n @ vec(off)) if axis.touches else 0.0
-            drive = _MASS * (r * (wanted.v + back - n @ v_d) + wanted.a - n @ a_d)
-            force = force + (drive + exerted) * n
-            swing = swing + (axis.wanted.f_d - axis.wanted.mean) * n
-            ahead = ahead + wanted.change * n
-    put_vec(found, 0, force)
-    put_vec(found, 3, read_vec(w, 3))
-    put_vec(found, 6, swing)
-    put_vec(found, 9, ahead)
-    return r
-
-
-@entry
-def _freed(numbers: Input, axes: Inputs, R_d: Inputs, rate: float, found: Row) -> None:
-    """Fill the numbers of the law that along axes has no stiffness, and the mass ``_MASS``.
-
-    Args:
-        numbers: of the law.
-        axes: (3, 3) whose columns are these axes, base frame; zero where there is none.
-        R_d: of the desired frame.
-        rate: [1/s] of their damping.
-        found: to be filled.
-    """
-    law, A = _read_law(numbers, 0), mat(axes)
-    if not law.in_base:
-        A = mat(R_d).T @ A
-    N, Z = A @ A.T, law.translation
-    P = identity(1.0) - N
-    M = P @ (inverse(Z.M_inverse) @ P) + _MASS * N
-    D = P @ (Z.D @ P) + (_MASS * rate) * N
-    translation = Matrices(inverse(M), D, P @ (Z.K @ P))
-    most = max(law.rate, rate)
-    freed = LawNumbers(law.options, translation, law.rotation, law.in_base, most, law.most)
-    found[:] = numbers
-    _put_law(found, 0, freed)
 
 
 class ForceControl:
@@ -440,14 +320,14 @@ class ForceControl:
     Attributes:
         options: of the law.
         is_on: whether there is one; a restart of the scheme ends it.
-        axes: (3, 3) whose columns are the axes, base frame, as they were last.
+        axes: (3, 3) whose columns are the axes, base frame, as they were last; else zero.
         swing: (3,) [N] by which what is asked for is off its slow mean, base frame.
         ahead: (3,) [N] by which what is exerted is to change until the next tick, base frame.
     """
 
     def __init__(self, options: ForceOptions) -> None:
         self.options = options
-        self._state = np.zeros((3, _width))
+        self._axes: dict[int, _Axis] = {}
         self.reset()
 
     def reset(self) -> None:
@@ -466,19 +346,6 @@ class ForceControl:
         """Exert a force (3,) [N] on the environment, axes of the compliance, from now on."""
         self.is_on, self._target = True, target
 
-    def _begin(self, R: Array, w: Array) -> None:
-        f, on = -(R.T @ w[:3]), self.options.are_on
-        for i in range(3):
-            know = _Learned(self.options.stiffest, 0.0, False, 0.0, 0.0)
-            known = (
-                _SetPoint(f[i], 0.0, f[i]),
-                _Surface(0, 0, 0),
-                _FIRST_VARIANCE,
-                _Changes(0, f[i], f[i]),
-                know,
-            )
-            self._state[i] = _pack(_Axis(on[i], False, 0.0, 0.0, *known))
-
     def drive(
         self, dt: float, actual: DesiredFrame, compliant: DesiredFrame, desired: DesiredFrame,
         w: Array, times: float,
@@ -494,35 +361,53 @@ class ForceControl:
             times: how many times the damping there is.
 
         Returns:
-            the drive (6,), to be taken for the wrench, and the rate [1/s] of (FC1).
+            the drive (6,), to be taken for the wrench, and the rate r [1/s] of (FC1).
         """
-        R, p = actual.R_d, actual.p_d
+        options, R, p = self.options, actual.R_d, actual.p_d
+        w_f = 2.0 * math.pi * options.bandwidth / times  # w of the force, [1/s]
+        r = _FRAME * w_f
+        f = (-(w[:3] @ R)).tolist()  # along the axes, as all that follows
         if self._p is None:
-            self._begin(R, w)
-            self._p = p
-        found, d, self._p = np.empty(12), p - self._p, p
-        values, state = self.options.values(times), self._state
-        off, rates = p - compliant.p_d - dt * compliant.dp_d, (desired.dp_d, desired.ddp_d)
-        r = _drive(R, d, off, w, self._target, *rates, values, dt, state, found)
+            on = [i for i in range(3) if AXES[i] in options.axes]
+            self._axes, self._p = {i: _Axis(f[i], options) for i in on}, p
+        d, self._p = ((p - self._p) @ R).tolist(), p
+        off = ((p - compliant.p_d - dt * compliant.dp_d) @ R).tolist()  # of the tip from the frame
+        v_d, a_d = (desired.dp_d @ R).tolist(), (desired.ddp_d @ R).tolist()
+        push, swing, ahead = np.zeros((3, 3))
+        for i, axis in self._axes.items():
+            across = math.hypot(v_d[i - 1], v_d[i - 2])
+            if dt > 0.0:
+                axis.wanted.move(float(self._target[i]), dt)
+                axis.move(f[i], d[i], across, options, w_f, dt)
+            v, a, ahead[i] = axis.lead(f[i], across, options, w_f, dt)
+            back = _RETURNS * w_f * off[i] if axis.touches else 0.0
+            push[i] = _MASS * (r * (v + back - v_d[i]) + a - a_d[i]) + f[i]
+            swing[i] = axis.wanted.f_d - axis.wanted.mean
         self._count_contacts(dt)
-        self.axes, self.swing, self.ahead = R * self.options.are_on, found[6:9], found[9:]
-        return found[:6], r
+        self.axes, self.swing, self.ahead = R * options.are_on, R @ swing, R @ ahead
+        return np.concatenate((w[:3] + R @ push, w[3:])), r
 
-    def freed(self, R_d: Array, rate: float, numbers: Array) -> Array:
-        """Return the :class:`LawNumbers` of a law in a row, without stiffness along the axes.
+    def freed(self, R_d: Array, rate: float, Z: Matrices, in_base: bool) -> Matrices:
+        """Return the translational impedance without stiffness along the axes.
+
+        There it has the mass ``_MASS``, and the damping of the rate: N = A A', P = I - N.
 
         Args:
             R_d: (3, 3) of the desired frame.
-            rate: [1/s] of :meth:`drive`.
-            numbers: of the law.
+            rate: r [1/s] of :meth:`drive`.
+            Z: M_p^-1, D_p, K_p.
+            in_base: whether they have axes of the base; else of the desired frame.
         """
-        found = np.empty_like(numbers)
-        _freed(numbers, self.axes, R_d, rate, found)
-        return found
+        A = self.axes if in_base else R_d.T @ self.axes
+        N = A @ A.T
+        P = np.eye(3) - N
+        M = P @ inverse(Z.M_inverse) @ P + _MASS * N
+        D = P @ Z.D @ P + (_MASS * rate) * N
+        return Matrices(inverse(M), D, P @ Z.K @ P)
 
     def _count_contacts(self, dt: float) -> None:
         self._time += dt
-        touches = bool(self._state[:, _TOUCHES].any())
+        touches = any(axis.touches for axis in self._axes.values())
         if touches and not self._touched:
             self._contacts.append(self._time)
         self._touched = touches
@@ -537,13 +422,16 @@ class ForceControl:
     @property
     def wanted(self) -> Array:
         """The force (3,) [N] that is asked for now, on its way to the one that was sent."""
-        f_d = np.array([_unpack(row).wanted.f_d for row in self._state], dtype=float)
-        return np.where(self.options.are_on, f_d, 0.0)
+        f_d = np.zeros(3)
+        for i, axis in self._axes.items():
+            f_d[i] = axis.wanted.f_d
+        return f_d
 
     @property
     def stiffness(self) -> Array:
         """The stiffness (3,) [N/m] of the contact as learned; NaN where there is no contact."""
-        known = [_unpack(row) for row in self._state]
-        return np.array(
-            [float(axis.learned.K) if axis.is_on and axis.touches else math.nan for axis in known]
-        )
+        K = np.full(3, math.nan)
+        for i, axis in self._axes.items():
+            if axis.touches:
+                K[i] = axis.contact.K
+        return K

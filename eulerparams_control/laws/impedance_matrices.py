@@ -25,7 +25,7 @@ _ROWS, _COLUMNS = np.triu_indices(3)  # xx, xy, xz, yy, yz, zz
 
 
 class Matrices(NamedTuple):
-    """What moves by an impedance: ddx = M^-1 (force - D dx - K x); each (3, 3)."""
+    """An impedance, solved for the acceleration: ddx = M^-1 (force - D dx - K x)."""
 
     M_inverse: Array
     D: Array

@@ -1,45 +1,25 @@
 """From what the force/torque sensor measures to the contact wrench at the tip.
 
-In this order, each part by itself: sign, known bias of the sensor, shift of the frame and of the
-point that moments are about from the sensor to the tip, weight and inertia of the tool, what the
-tare found, dead band, low-pass.
+In this order, one line each in :class:`WrenchChain`: sign and known bias of the sensor, shift of the
+frame and of the point that moments are about from the sensor to the tip, weight and inertia of the
+tool, tare, dead band, low-pass.
 
 Notation: ``w`` (6,) force and moment [N, Nm] of the environment on the tool; the suffix ``_t``
-is for axes of the tip and about its origin, else base axes, about the origin of the tip.
+is for axes of the tip and about its origin, ``_s`` for the sensor's, else base axes, about the
+origin of the tip.
 """
 
 import math
 from collections import deque
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws._old.compiled import (
-    NONE,
-    Array,
-    Input,
-    Inputs,
-    Row,
-    entry,
-    formula,
-    layout,
-    to_rows,
-)
-from eulerparams_control.laws._old.linear import (
-    MatLike,
-    Vec,
-    VecLike,
-    cross,
-    mat,
-    norm,
-    put_vec,
-    read_vec,
-    vec,
-)
+from eulerparams_control.laws.jit import Array, f8, jit, matrix, new_vector, vector
 from eulerparams_control.laws.limits import JointLimits
+from eulerparams_control.laws.rotations import cross, norm, turn, turn_back
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.robot.robot import Robot, RobotState, Tool
 
@@ -47,31 +27,11 @@ from eulerparams_control.robot.robot import Robot, RobotState, Tool
 # the second value [rad or m]: a slow sensor may repeat a value for a while.
 _REPEATS, _MOVED = 0.1, 0.02
 
-STATE, _FOUND = 13, 14
-"""How many floats the state of :func:`feel` has, and what it finds."""
-
 # Largest joint motion [rad] of an arm at rest.
 _STILL = 0.005
 
-
-class _Numbers(NamedTuple):
-    """The options in numbers; without a weight to be taken out there is no gravity."""
-
-    sign: float
-    bias_f: VecLike
-    bias_m: VecLike
-    has_tool: bool
-    mass: float
-    com: VecLike
-    inertia: MatLike
-    gravity: VecLike
-    inertial: bool
-    dead_force: float
-    dead_torque: float
-    cutoff: float
-
-
-_read_numbers = layout(_Numbers).read
+# omega_e and the acceleration of a tip at rest.
+_AT_REST = np.zeros(3), np.zeros(6)
 
 
 class SensedWrench(NamedTuple):
@@ -79,7 +39,7 @@ class SensedWrench(NamedTuple):
 
     Attributes:
         w: (6,) as it came, in the sensor frame and about its origin.
-        sensor: where that frame is, seen from the tip; the same object does not change.
+        sensor: where that frame is, seen from the tip.
     """
 
     w: Array
@@ -124,152 +84,140 @@ class WrenchOptions:
             if not 0 <= getattr(self, name) < math.inf:
                 raise ConfigurationError(f"{name} is {getattr(self, name)}; expected >= 0")
 
-    @cached_property
-    def numbers(self) -> Array:
-        """The options as a row."""
-        body = self.tool or Tool(0.0, np.zeros(3), np.zeros((3, 3)))
-        gravity = np.array(self.gravity) if self.weight else np.zeros(3)
-        bias_f, bias_m = np.split(np.array(self.bias, dtype=float), 2)
-        tool = self.tool is not None, *body, gravity, self.inertial
-        dead = self.dead_force, self.dead_torque
-        numbers = _Numbers(self.sign, bias_f, bias_m, *tool, *dead, self.cutoff)
-        return to_rows(_Numbers, numbers)
 
-    @property
-    def takes_inertia(self) -> bool:
-        """Whether the acceleration of the tip matters."""
-        return self.inertial and self.tool is not None
+@jit(new_vector(matrix, vector))
+def turned(R: Array, w: Array) -> Array:
+    """Return a wrench (6,) in other axes: (R f, R mu)."""
+    w_R = np.empty(6)
+    w_R[:3] = turn(R, w[:3])
+    w_R[3:] = turn(R, w[3:])
+    return w_R
 
 
-@formula
-def _without_dead_band(v: Vec, width: float) -> Vec:
-    """Return v shortened by ``width``: continuous, and 0 within it."""
-    length = norm(v)
-    return v if width == 0.0 or length == 0.0 else (max(0.0, length - width) / length) * v
+@jit(new_vector(vector, vector))
+def at_point(w: Array, r: Array) -> Array:
+    """Return a wrench (6,) about a point at r (3,) [m] from the former one: (f, mu - r x f)."""
+    w_r = w.copy()
+    w_r[3:] -= cross(r, w[:3])
+    return w_r
 
 
-@entry
-def feel(
-    w: Input, R_s: Inputs, p_s: Input, R_e: Inputs, omega_e: Input, acceleration: Input,
-    dt: float, numbers: Input, state: Row, found: Row,
-) -> None:  # fmt: skip
-    """Fill what is found (14,): the contact w, its force and moment in size, and what is felt, w_t.
+@jit(new_vector(matrix, vector, vector, vector, f8, vector, matrix))
+def tool_wrench(
+    R_e: Array,
+    omega_e: Array,
+    acceleration: Array,
+    gravity: Array,
+    mass: float,
+    com: Array,
+    inertia: Array,
+) -> Array:
+    """Return w_t (6,) of weight and inertia: m (g - a_com) and its moment, Newton and Euler.
 
     Args:
-        w: (6,) what the sensor says.
-        R_s, p_s: where it is, seen from the tip.
-        R_e, omega_e: orientation and angular velocity of the tip.
-        acceleration: (6,) of the tip, base frame; empty if unknown.
-        dt: [s] since the one before.
-        numbers: the options.
-        state: (13,) the tare, whether the low-pass has begun, and what it says; it moves on.
+        R_e, omega_e, acceleration: of the tip, base frame; the last one (6,) [m/s^2, rad/s^2].
+        gravity: (3,) base frame.
+        mass, com, inertia: of the tool, tip frame.
     """
-    options, R = _read_numbers(numbers, 0), mat(R_e)
-    f = mat(R_s) @ (options.sign * read_vec(w, 0) - options.bias_f)
-    mu = mat(R_s) @ (options.sign * read_vec(w, 3) - options.bias_m) + cross(vec(p_s), f)
-    if options.has_tool:  # m (g - a_com), and its moment
-        com, inertia = options.com, options.inertia
-        force, turning = options.mass * (R.T @ options.gravity), Vec(0.0, 0.0, 0.0)
-        if options.inertial and len(acceleration) > 0:
-            omega, a = R.T @ vec(omega_e), R.T @ read_vec(acceleration, 0)
-            domega = R.T @ read_vec(acceleration, 3)
-            a_com = a + cross(domega, com) + cross(omega, cross(omega, com))
-            force = force - options.mass * a_com
-            turning = inertia @ domega + cross(omega, inertia @ omega)
-        f, mu = f - force, mu - (cross(com, force) - turning)
-    put_vec(found, 8, f)
-    put_vec(found, 11, mu)
-    f = _without_dead_band(f - read_vec(state, 0), options.dead_force)
-    mu = _without_dead_band(mu - read_vec(state, 3), options.dead_torque)
-    if state[6] != 0.0 and options.cutoff > 0.0:
-        f_0, mu_0 = read_vec(state, 7), read_vec(state, 10)
-        share = 1.0 - math.exp(-2.0 * math.pi * options.cutoff * dt)
-        f, mu = f_0 + share * (f - f_0), mu_0 + share * (mu - mu_0)
-    state[6] = 1.0
-    put_vec(state, 7, f)
-    put_vec(state, 10, mu)
-    put_vec(found, 0, R @ f)
-    put_vec(found, 3, R @ mu)
-    found[6], found[7] = norm(f), norm(mu)
+    omega, domega = turn_back(R_e, omega_e), turn_back(R_e, acceleration[3:])
+    a_com = cross(domega, com) + cross(omega, cross(omega, com))  # from that of the tip
+    f = mass * (turn_back(R_e, gravity - acceleration[:3]) - a_com)
+    turning = turn(inertia, domega) + cross(omega, turn(inertia, omega))
+    w_t = np.empty(6)
+    w_t[:3] = f
+    w_t[3:] = cross(com, f) - turning
+    return w_t
+
+
+@jit(new_vector(vector, f8))
+def shortened(v: Array, width: float) -> Array:
+    """Return v (3,) shortened by ``width``: continuous, and 0 within it."""
+    length = norm(v)
+    return v.copy() if length == 0.0 else (max(0.0, length - width) / length) * v
+
+
+@jit(new_vector(vector, f8, f8))
+def without_dead_band(w: Array, force: float, torque: float) -> Array:
+    """Return a wrench (6,) whose force and moment are shortened, each by its own width."""
+    shorter = np.empty(6)
+    shorter[:3] = shortened(w[:3], force)
+    shorter[3:] = shortened(w[3:], torque)
+    return shorter
 
 
 class WrenchChain:
-    """The way from the sensor to the contact, with the state of its low-pass and its tare.
+    """The way from the sensor to the contact, with its tare and the state of its low-pass.
 
     Args:
         options: how each part is done.
 
     Attributes:
-        memory: state and found, rows of :func:`feel`, one behind the other.
+        tared: (6,) w_t without contact, as :meth:`tare` took it: the bias.
+        force, moment: sizes [N], [Nm] of the last contact.
     """
 
     def __init__(self, options: WrenchOptions) -> None:
-        self.options, self.memory = options, np.zeros(STATE + _FOUND)
-
-    @property
-    def _state(self) -> Array:
-        return self.memory[:STATE]
-
-    @property
-    def force(self) -> float:
-        """Size [N] of the last contact."""
-        return self.memory.item(STATE + 6)
-
-    @property
-    def moment(self) -> float:
-        """Size [Nm] of the last contact."""
-        return self.memory.item(STATE + 7)
+        self.replace_options(options)
+        self.tared = np.zeros(6)
+        self.force = self.moment = 0.0
+        self.reset()
 
     def replace_options(self, options: WrenchOptions) -> None:
-        """Go on with other options; the tare and the state of the low-pass stay.
-
-        The ticks of a scheme feel by those of its law, which the scheme gives to its chain.
-        """
+        """Go on with other options; the tare and the state of the low-pass stay."""
         self.options = options
+        self._bias = np.array(options.bias, dtype=float)
+        self._gravity = np.array(options.gravity, dtype=float) * options.weight
 
     def reset(self) -> None:
-        """Forget what the low-pass has seen; the tare stays."""
-        self._state[6] = False
+        """Forget the past of the low-pass; the tare stays."""
+        self._filtered: Array | None = None
+
+    def tare(self, felt: Array) -> None:
+        """Take ``felt`` (6,), a mean of :meth:`felt`, for no contact from now on."""
+        self.tared = felt.copy()
+        self.reset()
 
     def felt(self, sensed: SensedWrench, arm: RobotState, acceleration: Array | None) -> Array:
         """Return w_t (6,) without the tool, but before tare, dead band and low-pass.
 
         Args:
-            sensed: what the sensor said.
+            sensed: what the sensor measured.
             arm: kinematics of the arm at that time.
             acceleration: (6,) [m/s^2, rad/s^2] of the tip, base frame; None if unknown.
         """
-        return self._feel(sensed, arm, acceleration, 0.0, self._state.copy())[8:]
+        w_s = self.options.sign * sensed.w - self._bias
+        w_t = at_point(turned(sensed.sensor.R, w_s), -sensed.sensor.p)
+        return w_t if self.options.tool is None else w_t - self._of_tool(arm, acceleration)
 
     def contact(
         self, sensed: SensedWrench, arm: RobotState, acceleration: Array | None, dt: float
     ) -> Array:
-        """Return the contact wrench w (6,) in base axes, dt [s] after the one before."""
-        found = self.memory[STATE:] = self._feel(sensed, arm, acceleration, dt, self._state)
-        return found[:6]
+        """Return the contact wrench w (6,) in base axes, dt [s] after the one before.
 
-    def _feel(
-        self,
-        sensed: SensedWrench,
-        arm: RobotState,
-        acceleration: Array | None,
-        dt: float,
-        state: Array,
-    ) -> Array:
-        found, a = np.empty(_FOUND), NONE if acceleration is None else acceleration
-        w, (R_s, p_s), numbers = sensed.w, sensed.sensor, self.options.numbers
-        feel(w, R_s, p_s, arm.R_e, arm.omega_e, a, dt, numbers, state, found)
-        return found
+        The other arguments are those of :meth:`felt`.
+        """
+        options = self.options
+        w_t = self.felt(sensed, arm, acceleration) - self.tared
+        w_t = without_dead_band(w_t, options.dead_force, options.dead_torque)
+        w_t = self._low_passed(w_t, dt)
+        self.force, self.moment = norm(w_t[:3]), norm(w_t[3:])
+        return turned(arm.R_e, w_t)
 
-    @property
-    def tared(self) -> Array:
-        """Wrench (6,) _t without contact: the bias."""
-        return self._state[:6].copy()
+    def _of_tool(self, arm: RobotState, acceleration: Array | None) -> Array:
+        """Return w_t (6,) of the tool; at an unknown acceleration of its weight alone."""
+        omega, a = _AT_REST
+        if self.options.inertial and acceleration is not None:
+            omega, a = arm.omega_e, acceleration
+        return tool_wrench(arm.R_e, omega, a, self._gravity, *self.options.tool)
 
-    def tare(self, felt: Array) -> None:
-        """Take ``felt`` (6,), a mean of :meth:`felt`, for no contact from now on."""
-        self._state[:6] = felt
-        self.reset()
+    def _low_passed(self, w_t: Array, dt: float) -> Array:
+        """Return w_t (6,) after the low-pass, which begins at the first one."""
+        before, cutoff = self._filtered, self.options.cutoff
+        if before is not None and cutoff > 0.0:
+            share = 1.0 - math.exp(-2.0 * math.pi * cutoff * dt)
+            w_t = before + share * (w_t - before)
+        self._filtered = w_t
+        return w_t
 
 
 class StuckSensor:
@@ -339,8 +287,3 @@ class RestingWrench:
     def spread(self) -> Array:
         """Return the standard deviations (6,) of what the sensor said."""
         return np.array(np.std([sensed.w for sensed, _, _ in self._samples], axis=0))
-
-
-def at_point(w: Array, r: Array) -> Array:
-    """Return a wrench (6,) about a point at r (3,) [m] from where it was about, same axes."""
-    return np.concatenate((w[:3], w[3:] - cross(r, w[:3])))
