@@ -43,58 +43,38 @@ from eulerparams_control.motion.frames import DesiredFrame
 
 AXES = "xyz"
 
-# Ratios to the bandwidth of the poles of the frame (FC1), and of the observer (FC2).
-_FRAME, _OBSERVER = 10.0, 2.0
+_I = np.eye(3)
+_FRAME, _OBSERVER = 10.0, 2.0  # poles of the frame (FC1) and of the observer (FC2), over w
+_RETURNS = 0.5  # the rate with which the frame returns to the tip in contact, over w
+_MASS = 1000.0  # [kg] of the compliant frame along a force axis: it scales its drive alone
 
-# Set-points change by no more [N/s], and come with this time constant [s].
-_SLEW, _SMOOTH = 200.0, 0.005
+# The force that is asked for: its largest rate [N/s], its time constant [s]; and the time constant
+# of its slow mean [s], which its swing is measured from.
+_SLEW, _SMOOTH, _MEAN = 200.0, 0.005, 0.3
 
-# A contact begins at this part of f_d, and at so much [N] at least, the noise of a sensor; it ends
-# at half of that.
-_TOUCH, _NOISE = 0.05, 0.5
+# A contact begins at this part of f_d, at so much [N] at least, and beyond so many standard
+# deviations of f without contact; it ends at half of that.
+_TOUCH, _NOISE, _NOISES = 0.05, 0.5, 6.0
 
-# It begins beyond so many standard deviations of what is felt without contact, too, the variance of
-# which [N^2] is known after this time [s], and is this one before.
-_NOISES, _LISTENS, _FIRST_VARIANCE = 6.0, 0.1, 0.1
+# The variance of f without contact [N^2] at first, and the time [s] in which it is known.  A change
+# of the force towards f_d whose square is this many variances may be a contact that begins.
+_FIRST_VARIANCE, _LISTENS, _BEGINS = 0.1, 0.1, 16.0
 
-# What changes the force towards f_d by more than this many times its variance may be a contact that
-# begins, and is not taken for noise.
-_BEGINS = 16.0
+# Changes are those within this time [s]; they count for these times [s] until the force is reached,
+# and from then on; it is reached within this part of it and with this trust in the stiffness.
+_CHANGES, _FIRST, _LATER, _REACHED, _SURE = 0.03, 0.1, 0.3, 0.1, 0.5
 
-# Changes are those within the first time [s]; what was learned counts for the next ones [s], while
-# the force is not yet reached to within this part, and from then on.
-_CHANGES, _FIRST, _LATER, _REACHED = 0.03, 0.1, 0.3, 0.1
-
-# The trust in the stiffness with which the first estimate ends.
-_SURE = 0.5
-
-# Times [s] in which the stiffness follows what is learned, of both kinds, and the trust in it.
-_FOLLOWS, _FOLLOWS_LATER, _TRUSTS = 0.005, 0.1, 0.05
-
-# With this part of w the frame returns to the tip in contact.
-_RETURNS = 0.5
-
-# From no speed to the whole one (FC5): the trust in the stiffness, 3 deviations of what proves it.
-_UNPROVEN, _PROVEN = 0.05, 0.3
-
-# The mass [kg] of the compliant frame along a force axis: it scales what drives it alone.
-_MASS = 1000.0
-
-# The least stiffness that is learned [N/m], and the largest one by the one that is expected.
-_SOFTEST, _STIFFER = 100.0, 10.0
-
-# A surface gets to its speed in this time [s] at least.
-_FASTEST = 0.02
+_FOLLOWS, _FOLLOWS_LATER = 0.005, 0.1  # time constants [s] of the stiffness, (FC3) and (FC4)
+_TRUSTS = 0.05  # and that of the trust in it from then on
+_SOFTEST, _STIFFER = 100.0, 10.0  # least stiffness [N/m] that is learned, largest one over K_max
+_UNPROVEN, _PROVEN = 0.05, 0.3  # trust with which (FC5) leaves the one bound, reaches the other
+_FASTEST = 0.02  # [s] in which a surface gets to its speed, at least
 
 # The frame gathers speed by no more [m/s^2], without contact and in it, and without with this time
 # constant [s]: so the tip, which is a tick late, is hardly faster.
 _ACCELERATION, _IN_CONTACT, _GATHERS = 0.5, 1.0, 0.05
 
-# It bounces where so many contacts begin within this time [s].
-_CONTACTS, _WITHIN = 3, 2.0
-
-# The slow mean of f_d [s], of which its swing is told.
-_MEAN = 0.3
+_CONTACTS, _WITHIN = 3, 2.0  # it bounces where so many contacts begin within this time [s]
 
 
 @dataclass(frozen=True)
@@ -144,9 +124,6 @@ def _share(dt: float, time_constant: float) -> float:
     return -math.expm1(-dt / time_constant)
 
 
-# --- one axis ------------------------------------------------------------------------------
-
-
 @dataclass
 class _SetPoint:
     """The force f_d on its way to the one that was sent, its rate, and its slow mean."""
@@ -165,16 +142,11 @@ class _SetPoint:
 
 @dataclass
 class _Stiffness:
-    """The stiffness K as learned, and the trust in it, 0 to 1: so much of the observer acts.
-
-    Attributes:
-        is_reached: whether f was near f_d in this contact.
-        S_x, S_f: weighted sums of (FC3), or of (FC4) from then on.
-    """
+    """K as learned; the trust in it, 0 to 1: so much of the observer acts; the sums of its law."""
 
     K: float
     trust: float = 0.0
-    is_reached: bool = False
+    is_reached: bool = False  # the force, in this contact: from then on (FC4), not (FC3)
     S_x: float = 0.0
     S_f: float = 0.0
 
@@ -235,16 +207,13 @@ class _Surface:
 class _Axis:
     """What is known along a force axis.
 
-    The arguments of its methods: ``f`` [N] now; ``across`` [m/s] the speed across the axis, which
-    a slope turns into that of the surface; ``options`` of the law and its bandwidth ``w``.
+    ``f`` [N] is the force now, ``across`` [m/s] the speed across the axis, which a slope turns into
+    that of the surface, ``w`` [1/s] the bandwidth.
 
     Attributes:
-        touches: whether there is a contact.
-        wanted: the force that is asked for.
         x_e: [m] the way of the tip.
         mean_x, mean_f, mean_g: of x_e, f, f_d, within the time of their changes.
         variance: [N^2] of f without contact.
-        contact, surface: as learned, as observed.
         v: [m/s] the speed that the compliant frame was to have last.
     """
 
@@ -300,18 +269,17 @@ class _Axis:
         v_most += proven * (options.max_speed + across - v_most)  # (FC5)
         u = v_s + (w * (f_d - f) + df_d) / K  # (FC1)
         v = self._gather(u, v_most, 1.0, _IN_CONTACT * dt)
-        return v, a_s if u == v else 0.0, K * (v - v_s) * dt  # (FC6)
+        a = a_s if v == u else 0.0  # none where the speed is bounded
+        return v, a, K * (v - v_s) * dt  # (FC6)
 
     def _gather(self, u: float, v_most: float, share: float, dv_most: float) -> float:
         """Return the next speed on its way to u [m/s]; it grows by no more than dv_most."""
         v = _clipped(u, v_most)
-        if abs(v) > abs(self.v):
-            v = self.v + _clipped(share * (v - self.v), dv_most)
+        dv = _clipped(share * (v - self.v), dv_most)
+        if abs(v) > abs(self.v) and dv != v - self.v:
+            v = self.v + dv
         self.v = v
         return v
-
-
-# --- all axes ------------------------------------------------------------------------------
 
 
 class ForceControl:
@@ -338,7 +306,7 @@ class ForceControl:
     def restart(self) -> None:
         """Begin again at the force that is felt, after it was not known."""
         self._p: Array | None = None
-        self._time, self._touched = 0.0, False
+        self._time, self._touches = 0.0, False
         self._contacts: deque[float] = deque(maxlen=_CONTACTS)
         self.swing = self.ahead = np.zeros(3)
 
@@ -347,9 +315,14 @@ class ForceControl:
         self.is_on, self._target = True, target
 
     def drive(
-        self, dt: float, actual: DesiredFrame, compliant: DesiredFrame, desired: DesiredFrame,
-        w: Array, times: float,
-    ) -> tuple[Array, float]:  # fmt: skip
+        self,
+        dt: float,
+        actual: DesiredFrame,
+        compliant: DesiredFrame,
+        desired: DesiredFrame,
+        w: Array,
+        times: float,
+    ) -> tuple[Array, float]:
         """Return what drives the compliant frame, dt [s] after the last time.
 
         Args:
@@ -364,12 +337,12 @@ class ForceControl:
             the drive (6,), to be taken for the wrench, and the rate r [1/s] of (FC1).
         """
         options, R, p = self.options, actual.R_d, actual.p_d
-        w_f = 2.0 * math.pi * options.bandwidth / times  # w of the force, [1/s]
+        w_f = 2.0 * math.pi * options.bandwidth / times  # the bandwidth w
         r = _FRAME * w_f
-        f = (-(w[:3] @ R)).tolist()  # along the axes, as all that follows
+        f = (-w[:3] @ R).tolist()  # along the axes, as all that follows
         if self._p is None:
-            on = [i for i in range(3) if AXES[i] in options.axes]
-            self._axes, self._p = {i: _Axis(f[i], options) for i in on}, p
+            self._p = p
+            self._axes = {i: _Axis(f[i], options) for i in range(3) if AXES[i] in options.axes}
         d, self._p = ((p - self._p) @ R).tolist(), p
         off = ((p - compliant.p_d - dt * compliant.dp_d) @ R).tolist()  # of the tip from the frame
         v_d, a_d = (desired.dp_d @ R).tolist(), (desired.ddp_d @ R).tolist()
@@ -381,57 +354,46 @@ class ForceControl:
                 axis.move(f[i], d[i], across, options, w_f, dt)
             v, a, ahead[i] = axis.lead(f[i], across, options, w_f, dt)
             back = _RETURNS * w_f * off[i] if axis.touches else 0.0
-            push[i] = _MASS * (r * (v + back - v_d[i]) + a - a_d[i]) + f[i]
+            push[i] = _MASS * (r * (v + back - v_d[i]) + a - a_d[i]) + f[i]  # (FC1)
             swing[i] = axis.wanted.f_d - axis.wanted.mean
-        self._count_contacts(dt)
+        self._time += dt
+        touched, self._touches = self._touches, any(a.touches for a in self._axes.values())
+        if self._touches and not touched:
+            self._contacts.append(self._time)
         self.axes, self.swing, self.ahead = R * options.are_on, R @ swing, R @ ahead
         return np.concatenate((w[:3] + R @ push, w[3:])), r
 
     def freed(self, R_d: Array, rate: float, Z: Matrices, in_base: bool) -> Matrices:
-        """Return the translational impedance without stiffness along the axes.
-
-        There it has the mass ``_MASS``, and the damping of the rate: N = A A', P = I - N.
+        """Return the translational impedance Z, along the axes without stiffness, with ``_MASS``.
 
         Args:
             R_d: (3, 3) of the desired frame.
-            rate: r [1/s] of :meth:`drive`.
+            rate: r [1/s] of :meth:`drive`, which the damping along the axes makes.
             Z: M_p^-1, D_p, K_p.
-            in_base: whether they have axes of the base; else of the desired frame.
+            in_base: whether these have the axes of the base; else of the desired frame.
         """
         A = self.axes if in_base else R_d.T @ self.axes
-        N = A @ A.T
-        P = np.eye(3) - N
+        N = A @ A.T  # onto the axes
+        P = _I - N
         M = P @ inverse(Z.M_inverse) @ P + _MASS * N
         D = P @ Z.D @ P + (_MASS * rate) * N
         return Matrices(inverse(M), D, P @ Z.K @ P)
 
-    def _count_contacts(self, dt: float) -> None:
-        self._time += dt
-        touches = any(axis.touches for axis in self._axes.values())
-        if touches and not self._touched:
-            self._contacts.append(self._time)
-        self._touched = touches
-
     def bounces(self) -> bool:
         """Return whether the contact was lost again and again; then look for it from the start."""
-        found = len(self._contacts) == _CONTACTS and self._time - self._contacts[0] < _WITHIN
-        if found:
+        bounces = len(self._contacts) == _CONTACTS and self._time - self._contacts[0] < _WITHIN
+        if bounces:
             self._contacts.clear()
-        return found
+        return bounces
 
     @property
     def wanted(self) -> Array:
         """The force (3,) [N] that is asked for now, on its way to the one that was sent."""
-        f_d = np.zeros(3)
-        for i, axis in self._axes.items():
-            f_d[i] = axis.wanted.f_d
-        return f_d
+        f_d = {i: axis.wanted.f_d for i, axis in self._axes.items()}
+        return np.array([f_d.get(i, 0.0) for i in range(3)])
 
     @property
     def stiffness(self) -> Array:
         """The stiffness (3,) [N/m] of the contact as learned; NaN where there is no contact."""
-        K = np.full(3, math.nan)
-        for i, axis in self._axes.items():
-            if axis.touches:
-                K[i] = axis.contact.K
-        return K
+        K = {i: axis.contact.K for i, axis in self._axes.items() if axis.touches}
+        return np.array([K.get(i, math.nan) for i in range(3)])

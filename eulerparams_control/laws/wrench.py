@@ -1,8 +1,8 @@
 """From what the force/torque sensor measures to the contact wrench at the tip.
 
-In this order, one line each in :class:`WrenchChain`: sign and known bias of the sensor, shift of the
-frame and of the point that moments are about from the sensor to the tip, weight and inertia of the
-tool, tare, dead band, low-pass.
+In this order, in :class:`WrenchChain`: sign and known bias of the sensor, shift of the frame and of
+the point that moments are about from the sensor to the tip, weight and inertia of the tool, tare,
+dead band, low-pass.
 
 Notation: ``w`` (6,) force and moment [N, Nm] of the environment on the tool; the suffix ``_t``
 is for axes of the tip and about its origin, ``_s`` for the sensor's, else base axes, about the
@@ -30,8 +30,8 @@ _REPEATS, _MOVED = 0.1, 0.02
 # Largest joint motion [rad] of an arm at rest.
 _STILL = 0.005
 
-# omega_e and the acceleration of a tip at rest.
-_AT_REST = np.zeros(3), np.zeros(6)
+_ZERO = np.zeros(3)
+_AT_REST = _ZERO, np.zeros(6)  # omega_e, acceleration
 
 
 class SensedWrench(NamedTuple):
@@ -85,13 +85,13 @@ class WrenchOptions:
                 raise ConfigurationError(f"{name} is {getattr(self, name)}; expected >= 0")
 
 
-@jit(new_vector(matrix, vector))
-def turned(R: Array, w: Array) -> Array:
-    """Return a wrench (6,) in other axes: (R f, R mu)."""
-    w_R = np.empty(6)
-    w_R[:3] = turn(R, w[:3])
-    w_R[3:] = turn(R, w[3:])
-    return w_R
+@jit(new_vector(matrix, vector, vector))
+def shifted(R: Array, p: Array, w: Array) -> Array:
+    """Return a wrench (6,) of a frame at R, p in the one that carries it: (R f, R mu + p x R f)."""
+    v = np.empty(6)
+    v[:3] = turn(R, w[:3])
+    v[3:] = turn(R, w[3:]) + cross(p, v[:3])
+    return v
 
 
 @jit(new_vector(vector, vector))
@@ -104,52 +104,36 @@ def at_point(w: Array, r: Array) -> Array:
 
 @jit(new_vector(matrix, vector, vector, vector, f8, vector, matrix))
 def tool_wrench(
-    R_e: Array,
-    omega_e: Array,
-    acceleration: Array,
-    gravity: Array,
-    mass: float,
-    com: Array,
-    inertia: Array,
+    R_e: Array, omega_e: Array, a_e: Array, g: Array, mass: float, com: Array, inertia: Array
 ) -> Array:
-    """Return w_t (6,) of weight and inertia: m (g - a_com) and its moment, Newton and Euler.
+    """Return w_t (6,) of weight and inertia of the tool: m (g - a_com) and its moment.
 
     Args:
-        R_e, omega_e, acceleration: of the tip, base frame; the last one (6,) [m/s^2, rad/s^2].
-        gravity: (3,) base frame.
-        mass, com, inertia: of the tool, tip frame.
+        R_e, omega_e, a_e: of the tip, base frame; a_e (6,) [m/s^2, rad/s^2].
+        g: (3,) gravity, base frame.
+        mass, com, inertia: of the tool, see :class:`Tool`.
     """
-    omega, domega = turn_back(R_e, omega_e), turn_back(R_e, acceleration[3:])
-    a_com = cross(domega, com) + cross(omega, cross(omega, com))  # from that of the tip
-    f = mass * (turn_back(R_e, gravity - acceleration[:3]) - a_com)
-    turning = turn(inertia, domega) + cross(omega, turn(inertia, omega))
+    omega, domega = turn_back(R_e, omega_e), turn_back(R_e, a_e[3:])
+    a_com = turn_back(R_e, a_e[:3]) + cross(domega, com) + cross(omega, cross(omega, com))
     w_t = np.empty(6)
-    w_t[:3] = f
-    w_t[3:] = cross(com, f) - turning
+    w_t[:3] = mass * (turn_back(R_e, g) - a_com)
+    w_t[3:] = cross(com, w_t[:3]) - turn(inertia, domega) - cross(omega, turn(inertia, omega))
     return w_t
-
-
-@jit(new_vector(vector, f8))
-def shortened(v: Array, width: float) -> Array:
-    """Return v (3,) shortened by ``width``: continuous, and 0 within it."""
-    length = norm(v)
-    return v.copy() if length == 0.0 else (max(0.0, length - width) / length) * v
 
 
 @jit(new_vector(vector, f8, f8))
 def without_dead_band(w: Array, force: float, torque: float) -> Array:
-    """Return a wrench (6,) whose force and moment are shortened, each by its own width."""
-    shorter = np.empty(6)
-    shorter[:3] = shortened(w[:3], force)
-    shorter[3:] = shortened(w[3:], torque)
+    """Return a wrench (6,) with f, mu shortened by so much: continuous, and 0 within that."""
+    shorter = w.copy()
+    for part, width in ((shorter[:3], force), (shorter[3:], torque)):
+        length = norm(part)
+        if length > 0.0:
+            part *= max(0.0, length - width) / length
     return shorter
 
 
 class WrenchChain:
     """The way from the sensor to the contact, with its tare and the state of its low-pass.
-
-    Args:
-        options: how each part is done.
 
     Attributes:
         tared: (6,) w_t without contact, as :meth:`tare` took it: the bias.
@@ -185,39 +169,30 @@ class WrenchChain:
             arm: kinematics of the arm at that time.
             acceleration: (6,) [m/s^2, rad/s^2] of the tip, base frame; None if unknown.
         """
-        w_s = self.options.sign * sensed.w - self._bias
-        w_t = at_point(turned(sensed.sensor.R, w_s), -sensed.sensor.p)
-        return w_t if self.options.tool is None else w_t - self._of_tool(arm, acceleration)
+        options, tool = self.options, self.options.tool
+        w_s = options.sign * sensed.w - self._bias
+        w_t = shifted(sensed.sensor.R, sensed.sensor.p, w_s)
+        if tool is not None:
+            omega, a = _AT_REST
+            if options.inertial and acceleration is not None:
+                omega, a = arm.omega_e, acceleration
+            body = tool.mass, tool.com, tool.inertia
+            w_t = w_t - tool_wrench(arm.R_e, omega, a, self._gravity, *body)
+        return w_t
 
     def contact(
         self, sensed: SensedWrench, arm: RobotState, acceleration: Array | None, dt: float
     ) -> Array:
-        """Return the contact wrench w (6,) in base axes, dt [s] after the one before.
-
-        The other arguments are those of :meth:`felt`.
-        """
+        """Return the contact w (6,), dt [s] after the one before; see :meth:`felt`."""
         options = self.options
         w_t = self.felt(sensed, arm, acceleration) - self.tared
         w_t = without_dead_band(w_t, options.dead_force, options.dead_torque)
-        w_t = self._low_passed(w_t, dt)
-        self.force, self.moment = norm(w_t[:3]), norm(w_t[3:])
-        return turned(arm.R_e, w_t)
-
-    def _of_tool(self, arm: RobotState, acceleration: Array | None) -> Array:
-        """Return w_t (6,) of the tool; at an unknown acceleration of its weight alone."""
-        omega, a = _AT_REST
-        if self.options.inertial and acceleration is not None:
-            omega, a = arm.omega_e, acceleration
-        return tool_wrench(arm.R_e, omega, a, self._gravity, *self.options.tool)
-
-    def _low_passed(self, w_t: Array, dt: float) -> Array:
-        """Return w_t (6,) after the low-pass, which begins at the first one."""
-        before, cutoff = self._filtered, self.options.cutoff
-        if before is not None and cutoff > 0.0:
-            share = 1.0 - math.exp(-2.0 * math.pi * cutoff * dt)
-            w_t = before + share * (w_t - before)
+        if self._filtered is not None and options.cutoff > 0.0:
+            share = -math.expm1(-2.0 * math.pi * options.cutoff * dt)
+            w_t = self._filtered + share * (w_t - self._filtered)
         self._filtered = w_t
-        return w_t
+        self.force, self.moment = norm(w_t[:3]), norm(w_t[3:])
+        return shifted(arm.R_e, _ZERO, w_t)
 
 
 class StuckSensor:
@@ -225,9 +200,6 @@ class StuckSensor:
 
     A real one never does so for long; a driver that has lost it may.  Zero is believed: it is what
     an ideal sensor reports that carries nothing, a simulated one for instance.
-
-    Args:
-        limits: of the joints.
     """
 
     def __init__(self, limits: JointLimits) -> None:
@@ -237,21 +209,17 @@ class StuckSensor:
         self._since, self._q = 0.0, np.zeros(len(limits.upper))
 
     def update(self, w: Array, q: Array, now: float) -> bool:
-        """Take a new measurement w (6,) at the positions q (n,) and the time now [s]."""
-        said = w.tobytes()
-        if said != self._w:
-            self._w, self._q, self._since, self._is_stuck = said, q, now, False
+        """Return whether it is stuck, after it measured w (6,) at q (n,) and the time now [s]."""
+        measured = w.tobytes()
+        if measured != self._w:
+            self._w, self._q, self._since, self._is_stuck = measured, q, now, False
         elif w.any() and now - self._since > _REPEATS:
             self._is_stuck |= bool((self._limits.deviation(q, self._q) > _MOVED).any())
         return self._is_stuck
 
 
 class RestingWrench:
-    """The last measurements, for the mean wrench while the arm is at rest.
-
-    Args:
-        size: how many are kept.
-    """
+    """The last measurements, for the mean wrench while the arm is at rest."""
 
     def __init__(self, size: int) -> None:
         self._samples: deque[tuple[SensedWrench, Array, Array]] = deque(maxlen=size)
@@ -262,7 +230,7 @@ class RestingWrench:
         return len(self._samples)
 
     def add(self, sensed: SensedWrench, q: Array, dq: Array) -> None:
-        """Take what the sensor said at the state q, dq (n,)."""
+        """Keep what the sensor measured at the state q, dq (n,)."""
         self._samples.append((sensed, q, dq))
 
     def clear(self) -> None:
@@ -276,14 +244,11 @@ class RestingWrench:
         return bool((np.ptp(q, axis=0) <= _STILL).all())
 
     def mean(self, chain: WrenchChain, robot: Robot, last: int = 0) -> Array:
-        """Return the mean (6,) of what ``chain`` feels, see :meth:`WrenchChain.felt`.
-
-        Of the ``last`` ones, which is soon done; 0 is all.
-        """
+        """Return the mean (6,) of :meth:`WrenchChain.felt`, of the ``last`` ones; 0 is all."""
         samples = list(self._samples)[-last:]
         felt = [chain.felt(w, robot.state(q, dq), None) for w, q, dq in samples]
         return np.array(np.mean(felt, axis=0))
 
     def spread(self) -> Array:
-        """Return the standard deviations (6,) of what the sensor said."""
+        """Return the standard deviations (6,) of what the sensor measured."""
         return np.array(np.std([sensed.w for sensed, _, _ in self._samples], axis=0))
