@@ -64,24 +64,17 @@ _FIRST_VARIANCE, _LISTENS, _BEGINS = 0.1, 0.1, 16.0
 # and from then on; it is reached within this part of it and with this trust in the stiffness.
 _CHANGES, _FIRST, _LATER, _REACHED, _SURE = 0.03, 0.1, 0.3, 0.1, 0.5
 
-# The time constants [s] of the stiffness by (FC3) and by (FC4), and of the trust in it.
-_FOLLOWS, _FOLLOWS_LATER, _TRUSTS = 0.005, 0.1, 0.05
-
-# The least stiffness [N/m] that is learned, and the largest one over K_max.
-_SOFTEST, _STIFFER = 100.0, 10.0
-
-# The trust in the stiffness between which the speed goes from the one to the other bound (FC5).
-_UNPROVEN, _PROVEN = 0.05, 0.3
-
-# A surface gets to its speed in this time [s] at least.
-_FASTEST = 0.02
+_FOLLOWS, _FOLLOWS_LATER = 0.005, 0.1  # time constants [s] of the stiffness, (FC3) and (FC4)
+_TRUSTS = 0.05  # and that of the trust in it from then on
+_SOFTEST, _STIFFER = 100.0, 10.0  # least stiffness [N/m] that is learned, largest one over K_max
+_UNPROVEN, _PROVEN = 0.05, 0.3  # trust with which (FC5) leaves the one bound, reaches the other
+_FASTEST = 0.02  # [s] in which a surface gets to its speed, at least
 
 # The frame gathers speed by no more [m/s^2], without contact and in it, and without with this time
 # constant [s]: so the tip, which is a tick late, is hardly faster.
 _ACCELERATION, _IN_CONTACT, _GATHERS = 0.5, 1.0, 0.05
 
-# It bounces where so many contacts begin within this time [s].
-_CONTACTS, _WITHIN = 3, 2.0
+_CONTACTS, _WITHIN = 3, 2.0  # it bounces where so many contacts begin within this time [s]
 
 
 @dataclass(frozen=True)
@@ -131,9 +124,6 @@ def _share(dt: float, time_constant: float) -> float:
     return -math.expm1(-dt / time_constant)
 
 
-# --- one axis ------------------------------------------------------------------------------
-
-
 @dataclass
 class _SetPoint:
     """The force f_d on its way to the one that was sent, its rate, and its slow mean."""
@@ -152,16 +142,11 @@ class _SetPoint:
 
 @dataclass
 class _Stiffness:
-    """The stiffness K as learned, and the trust in it, 0 to 1: so much of the observer acts.
-
-    Attributes:
-        is_reached: whether f was near f_d in this contact.
-        S_x, S_f: weighted sums of (FC3), or of (FC4) from then on.
-    """
+    """K as learned; the trust in it, 0 to 1: so much of the observer acts; the sums of its law."""
 
     K: float
     trust: float = 0.0
-    is_reached: bool = False
+    is_reached: bool = False  # the force, in this contact: from then on (FC4), not (FC3)
     S_x: float = 0.0
     S_f: float = 0.0
 
@@ -222,16 +207,13 @@ class _Surface:
 class _Axis:
     """What is known along a force axis.
 
-    The arguments of its methods: ``f`` [N] now; ``across`` [m/s] the speed across the axis, which
-    a slope turns into that of the surface; ``options`` of the law and its bandwidth ``w``.
+    ``f`` [N] is the force now, ``across`` [m/s] the speed across the axis, which a slope turns into
+    that of the surface, ``w`` [1/s] the bandwidth.
 
     Attributes:
-        touches: whether there is a contact.
-        wanted: the force that is asked for.
         x_e: [m] the way of the tip.
         mean_x, mean_f, mean_g: of x_e, f, f_d, within the time of their changes.
         variance: [N^2] of f without contact.
-        contact, surface: as learned, as observed.
         v: [m/s] the speed that the compliant frame was to have last.
     """
 
@@ -298,9 +280,6 @@ class _Axis:
             v = self.v + dv
         self.v = v
         return v
-
-
-# --- all axes ------------------------------------------------------------------------------
 
 
 class ForceControl:

@@ -4,7 +4,6 @@
 (59), (3, 3).
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,12 +14,10 @@ import numpy as np
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.jit import Array
 
-# Relative to the largest element: what is rounding, and not a lack of symmetry or a negative value.
-_ROUNDING = 1e-9
+type Numbers = Sequence[float]
 
-# Three axes printed with 4 digits are orthogonal to within this.
-_AXES_TOLERANCE = 1e-3
-
+_ROUNDING = 1e-9  # of an element that is zero, or has a symmetric one, over the largest element
+_AXES_TOLERANCE = 1e-3  # of three axes printed with 4 digits
 _ROWS, _COLUMNS = np.triu_indices(3)  # xx, xy, xz, yy, yz, zz
 
 
@@ -82,10 +79,8 @@ class Impedance:
         return Impedance(T.T @ self.M @ T, T.T @ self.D @ T, T.T @ self.K @ T)
 
 
-def symmetric_matrix(name: str, values: Sequence[float], axes: Sequence[float] = ()) -> Array:
-    """Return a symmetric matrix (3, 3) from 3 or 6 numbers.
-
-    U diag(values) U' with U = [u_1 u_2 u_3], eqs. (53), (63), if axes are given.
+def symmetric_matrix(name: str, values: Numbers, axes: Numbers = ()) -> Array:
+    """Return a symmetric matrix (3, 3): U diag(values) U', U = [u_1 u_2 u_3], eqs. (53), (63).
 
     Args:
         name: for the error messages.
@@ -111,37 +106,26 @@ def symmetric_matrix(name: str, values: Sequence[float], axes: Sequence[float] =
 
 
 def impedance_of(
-    part: str,
-    M: Sequence[float],
-    D: Sequence[float],
-    K: Sequence[float],
-    axes: Sequence[float],
-    ratio: float,
+    part: str, M: Numbers, D: Numbers, K: Numbers, axes: Numbers, ratio: float
 ) -> Impedance:
-    """Return the impedance that parameters state.
+    """Return the impedance of numbers for :func:`symmetric_matrix`; raises ConfigurationError.
 
     Args:
         part: "p" or "o", for the error messages.
-        M, D, K: numbers of the matrices, see :func:`symmetric_matrix`; D may be empty.
-        axes: of K.
+        M, D, K, axes: numbers of the matrices, and the axes of K; D may be empty.
         ratio: damping of each mode where D is empty.
-
-    Raises:
-        ConfigurationError: if they are impossible.
     """
     mass = symmetric_matrix(f"M_{part}", M)
     stiffness = symmetric_matrix(f"K_{part}", K, axes)
     undamped = Impedance(mass, np.zeros((3, 3)), stiffness)  # only of such a root can be taken
-    if len(D):
-        return replace(undamped, D=symmetric_matrix(f"D_{part}", D))
-    return replace(undamped, D=damping_of_ratio(mass, stiffness, ratio))
+    damping = (
+        symmetric_matrix(f"D_{part}", D) if len(D) else damping_of_ratio(mass, stiffness, ratio)
+    )
+    return replace(undamped, D=damping)
 
 
 def damping_of_ratio(M: Array, K: Array, ratio: float) -> Array:
-    """Return D (3, 3) with which each mode of M and K has the damping ratio ``ratio``.
-
-    D = 2 ratio M^1/2 (M^-1/2 K M^-1/2)^1/2 M^1/2.
-    """
+    """Return D = 2 ratio M^1/2 (M^-1/2 K M^-1/2)^1/2 M^1/2: each mode has this damping ratio."""
     M_half = square_root(M)
     M_half_inverse = np.linalg.inv(M_half)
     D: Array = 2 * ratio * M_half @ square_root(M_half_inverse @ K @ M_half_inverse) @ M_half
@@ -151,25 +135,22 @@ def damping_of_ratio(M: Array, K: Array, ratio: float) -> Array:
 def square_root(A: Array) -> Array:
     """Return the root A^1/2 of a symmetric positive semidefinite A (3, 3)."""
     values, vectors = np.linalg.eigh(A)
-    root: Array = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
-    return root
+    return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
 
 
-def _orthonormal(name: str, axes: Sequence[float]) -> Array:
+def _orthonormal(name: str, axes: Numbers) -> Array:
     """Return U = [u_1 u_2 u_3] (3, 3) of nine numbers, made exactly orthonormal."""
     if len(axes) != 9:
         raise ConfigurationError(
             f"{name}_axes has {len(axes)} values; expected 9: three unit vectors in a row"
         )
-    given = np.array(axes, dtype=float).reshape(3, 3).T
-    if not np.abs(given.T @ given - np.eye(3)).max() <= _AXES_TOLERANCE:
+    U: Array = np.array(axes, dtype=float).reshape(3, 3).T
+    if not np.abs(U.T @ U - np.eye(3)).max() <= _AXES_TOLERANCE:
         raise ConfigurationError(
-            f"{name}_axes are {given.T.tolist()}; expected three unit vectors, orthogonal to each "
-            "other"
+            f"{name}_axes are {U.T.tolist()}; expected three unit vectors, orthogonal to each other"
         )
-    left, _, right = np.linalg.svd(given)
-    U: Array = left @ right
-    return U
+    left, _, right = np.linalg.svd(U)
+    return left @ right
 
 
 def _check(name: str, matrix: Array) -> None:
@@ -180,7 +161,7 @@ def _check(name: str, matrix: Array) -> None:
     if np.abs(matrix - matrix.T).max() > tolerance:
         raise ConfigurationError(f"{name} is not symmetric: {matrix.tolist()}")
     least = float(np.linalg.eigvalsh(matrix)[0])
-    if least < -tolerance or math.isnan(least):
+    if not least >= -tolerance:
         raise ConfigurationError(
             f"{name} has the negative eigenvalue {least:.3g}: {matrix.tolist()}"
         )
