@@ -251,7 +251,7 @@ class Robot:
         pin.computeJointJacobians(model, data, q)
         T_e = pin.updateFramePlacement(model, data, tip)  # (18), (19)
         J = pin.getFrameJacobian(model, data, tip, _AXES).reshape(6, self.n)
-        v_e = J @ dq  # (20)
+        v_e = J.dot(dq)  # (20)
         p_e, R_e = T_e.translation.copy(), T_e.rotation.copy()
         return RobotState(q, dq, p_e, R_e, v_e[:3], v_e[3:], J)
 
