@@ -105,7 +105,7 @@ class Robot:
     """A serial arm of n active joints, from a URDF.
 
     Joints that are not active (grippers, mimics, other arms) are held at 0 in the model.
-    Revolute, continuous and prismatic joints may be mixed.
+    Revolute, continuous and prismatic joints may be mixed.  A robot is for one thread at a time.
 
     Args:
         urdf: the text of the URDF.
