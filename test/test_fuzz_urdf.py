@@ -57,12 +57,6 @@ def beside(kind: str, more: str = "") -> str:
     return f'<link name="tool0_controller"/><joint name="aside" type="{kind}">{ends}{more}</joint>'
 
 
-def laughs() -> str:
-    """Return a URDF whose name is 10^10 letters, by entities of entities."""
-    entities = "".join(f'<!ENTITY {chr(98 + i)} "{f"&{chr(97 + i)};" * 10}">' for i in range(10))
-    return f'<!DOCTYPE r [<!ENTITY a "ha">{entities}]>' + changed('name="rod"', 'name="&k;"')
-
-
 def with_number(name: str, text: str) -> str:
     """Return the arm with another text for one number of its hinge."""
     return re.sub(rf'(name="hinge".*?{name}=")[^"]*', rf"\g<1>{text}", URDF, count=1, flags=re.S)
@@ -126,17 +120,14 @@ REFUSED: dict[str, tuple[str, str]] = {
     "no such link": (changed('<link name="rod"', '<link name="bar"'), "no link 'rod' as child"),
     "an unknown type": (changed('type="revolute"', 'type="revolut"'), "(did you mean 'revolute'?)"),
     "two joints of a name": (changed('"roll"', '"hinge"'), "two joints have the name 'hinge'"),
-    "two links of a name": (changed(END, f'<link name="arm"/>{END}'), "links have the name 'arm'"),
     "a name without end": (changed('"sensor"', f'"{"x" * 3000}"'), "a name of 3000 characters"),
     "a loop": (changed('<parent link="base"/>', '<parent link="rod"/>'), "not carried by"),
     "a link in two places": (changed('<child link="rod"/>', '<child link="arm"/>'), "two parents"),
     "a chain too long": (chain(3000), "has 3001 links; expected at most 1000"),
-    "a billion laughs": (laughs(), "it has a DOCTYPE"),
+    "an entity": (f'<!DOCTYPE r [<!ENTITY a "ha">]>{URDF}', "it has a DOCTYPE"),
     "a file by an entity": (f"{ENTITY}{changed(END, f'<x>&a;</x>{END}')}", "it has a DOCTYPE"),
-    "twice": (URDF + URDF, "not valid XML: junk after document element"),
     "nothing": ("", "the robot description is empty, ''; expected the text of a URDF"),
     "a path": ("/opt/robots/arm.urdf", "is a path, '/opt/robots/arm.urdf'; expected the text"),
-    "a command": ("$(xacro arm.urdf.xacro)", "is a command that was not run, '$(xacro arm"),
     "YAML": ("robot_description: |\n  " + URDF, "is YAML, 'robot_description: |"),
     "USD": ('#usda 1.0\n(defaultPrim = "arm")', "is no XML, '#usda 1.0"),
     "SDF": ('<?xml version="1.0"?>\n<sdf version="1.9"/>', "no URDF: its root is <sdf>; expected"),
@@ -170,8 +161,9 @@ TAKEN: dict[str, str] = {
     "blanks around numbers": changed('xyz="0 1 0"', 'xyz="  0   1 0 "').replace(
         'lower="-4"', 'lower=" -4 "'
     ),
-    "limits without end": with_number("lower", "-inf").replace('upper="4"', 'upper="Infinity"'),
-    "speed and effort without end": with_number("velocity", "inf").replace('"10"', '"inf"'),
+    "limits without end": with_number("lower", "-inf")
+    .replace('upper="4"', 'upper="Infinity"')
+    .replace('velocity="3"', 'velocity="inf"'),
     "axes that are not of length 1": URDF.replace('"0 1 0"', '"0 2 0"').replace(
         '<axis xyz="1 0 0"/>', '<axis xyz="1e-4 0 0"/>'
     ),

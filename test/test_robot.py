@@ -19,7 +19,7 @@ from eulerparams_control.resources import config_names
 from eulerparams_control.robot import catalogue
 from eulerparams_control.robot.catalogue import RobotDescription, load_robot
 from eulerparams_control.robot.robot import Robot, Tool
-from eulerparams_control.robot.urdf import UrdfTree, joint_limits
+from eulerparams_control.robot.urdf import UrdfTree
 
 CATALOGUE = ("kuka_iiwa", "panda", "ur10", "ur5")
 SAMPLES = 25
@@ -206,24 +206,23 @@ def flat(state):
 
 @pytest.mark.parametrize("arm", ARMS)
 def test_a_state_stays_what_it_is_and_is_the_same_alone_in_a_row_and_with_dynamics(arm):
-    robot, both = Robot(*ARMS[arm]), configurations(len(Robot(*ARMS[arm]).joints), key=9)[:4]
+    robot = Robot(*ARMS[arm])
+    both = configurations(robot.n, key=9)[:4]
     states = [robot.dynamic_state(q, dq) for q, dq in both]
     kept = [[array.copy() for array in flat(state)] for state in states]
     at_rest = robot.dynamic_state(both[0][0], 0.0 * both[0][1])
     assert not at_rest.C_dq.any()
     assert not at_rest.dJ_dq.any()
-    for state, before in zip(states, kept, strict=True):
-        np.testing.assert_array_equal(state.B, state.B.T)
-        assert np.linalg.eigvalsh(state.B)[0] > 1e-4
-        for array, same in zip(flat(state), before, strict=True):
-            np.testing.assert_array_equal(array, same)
     stacked = robot.states(*map(np.array, zip(*both, strict=True)))
-    for k, (q, dq) in enumerate(both):
-        for one, alone, of_all in zip(states[k].arm, robot.state(q, dq), stacked, strict=True):
+    for k, ((q, dq), state) in enumerate(zip(both, states, strict=True)):
+        for one, alone, of_all in zip(state.arm, robot.state(q, dq), stacked, strict=True):
             np.testing.assert_array_equal(one, alone)
             np.testing.assert_array_equal(one, of_all[k])
         q[:] = dq[:] = 0.0  # not those of the state
-    np.testing.assert_array_equal(states[0].arm.q, kept[0][0])
+        np.testing.assert_array_equal(state.B, state.B.T)
+        assert np.linalg.eigvalsh(state.B)[0] > 1e-4
+        for array, same in zip(flat(state), kept[k], strict=True):
+            np.testing.assert_array_equal(array, same)
     assert robot.states(np.empty((0, robot.n)), np.empty((0, robot.n))).J.shape == (0, 6, robot.n)
 
 
@@ -305,10 +304,8 @@ KNOWN = "known: bend, lift, turn$"
         ("base", "hand", ("turn", "elbow"), f"^joints: unknown joint 'elbow'; {KNOWN}"),
         ("base", "hand", ("a_finger",), f"unknown joint 'a_finger'.*{KNOWN}"),  # elsewhere
         ("base", "hand", ("parallel",), f"unknown joint 'parallel'.*{KNOWN}"),  # mimics
-        ("base", "hand", ("mount",), f"unknown joint 'mount'.*{KNOWN}"),  # fixed
         ("hand", "base", (), "'base' is not carried by link 'hand'"),
         ("floor", "base", (), "no joint moves between .*'floor' and .*'base'"),
-        ("hand", "hand", (), "no joint moves between .*'hand' and .*'hand'"),
     ],
 )
 def test_frames_and_joints_that_are_no_chain_are_refused(base, tip, joints, text):
@@ -517,16 +514,6 @@ def test_a_path_takes_root_longest_chain_and_a_home_within_limits_or_an_entry(en
     )
 
 
-def test_a_limit_that_is_not_stated_is_infinite():
-    stated = UrdfTree(TWO_LINKS).joints["swing"]
-    assert joint_limits(stated) == (0.5, 1.0, 2.0, 3.0)
-    stated.set("type", "continuous")
-    assert joint_limits(stated) == (-np.inf, np.inf, 2.0, 3.0)
-    for limit in stated.findall("limit"):
-        stated.remove(limit)
-    assert joint_limits(stated) == (-np.inf, np.inf, np.inf, np.inf)
-
-
 def test_a_urdf_that_cannot_be_read_is_refused_with_its_path(tmp_path):
     with pytest.raises(RobotError, match=r"robot 'my'.*joints must be some of"):
         load_urdf(TWO_LINKS.replace('"revolute"', '"fixed"'), tmp_path)
@@ -545,9 +532,7 @@ def test_a_urdf_that_cannot_be_read_is_refused_with_its_path(tmp_path):
     [
         ("base_frame", "bse", "unknown frame 'bse' (did you mean 'base'?)"),
         ("base_frame", "finger", "unknown joint 'swing'; known: none"),
-        ("base_frame", ["base"], "unknown frame '['base']'"),
         ("tip_frame", "base", "unknown joint 'swing'; known: none"),
-        ("tip_frame", "hand", "unknown frame 'hand'; known: arm, base, finger"),
         ("sensor_frame", "hand", "unknown frame 'hand'"),
         ("joints", ["swing", "slyde"], "unknown joint 'slyde' (did you mean 'slide'?)"),
         ("joints", ["slide", "swing"], "from base to tip"),
@@ -559,7 +544,6 @@ def test_a_urdf_that_cannot_be_read_is_refused_with_its_path(tmp_path):
         ("home", [0.2, 0.5], "home of joint 'swing', 0.2, is outside 0.5 ... 1.0"),
         ("urdf", "pybullet_data:none.urdf", "'none.urdf' of the package 'pybullet_data'"),
         ("urdf", "no-such-package:none.urdf", "is it installed?"),
-        ("urdf", "none.urdf", "cannot be read"),
     ],
 )
 def test_an_impossible_entry_is_refused_with_the_reason(key, value, reason, entry, tmp_path):

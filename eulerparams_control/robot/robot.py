@@ -105,7 +105,7 @@ class Robot:
     """A serial arm of n active joints, from a URDF.
 
     Joints that are not active (grippers, mimics, other arms) are held at 0 in the model.
-    Revolute, continuous and prismatic joints may be mixed.
+    Revolute, continuous and prismatic joints may be mixed.  A robot is for one thread at a time.
 
     Args:
         urdf: the text of the URDF.
@@ -251,7 +251,7 @@ class Robot:
         pin.computeJointJacobians(model, data, q)
         T_e = pin.updateFramePlacement(model, data, tip)  # (18), (19)
         J = pin.getFrameJacobian(model, data, tip, _AXES).reshape(6, self.n)
-        v_e = J @ dq  # (20)
+        v_e = J.dot(dq)  # (20)
         p_e, R_e = T_e.translation.copy(), T_e.rotation.copy()
         return RobotState(q, dq, p_e, R_e, v_e[:3], v_e[3:], J)
 

@@ -146,8 +146,7 @@ def _check_link(link: ET.Element) -> None:
         return
     _rewrite_origin(inertial)
     for part, names in _INERTIAL.items():
-        found = inertial.find(part)
-        element = ET.Element(part) if found is None else found
+        element = next(inertial.iter(part), ET.Element(part))
         for name in names:
             value = _number(element, name, "", _LARGEST)
             least = {"value": 0.0, "ixx": -_ROUNDING, "iyy": -_ROUNDING, "izz": -_ROUNDING}
@@ -258,17 +257,15 @@ class UrdfTree:
         return names[::-1]
 
     def moving(self, base: str, tip: str, joints: Collection[str] = ()) -> tuple[str, ...]:
-        """Return the joints from ``base`` to ``tip`` that move and mimic none, or some of them.
+        """Return the joints from ``base`` to ``tip`` that move and mimic none; or ``joints``.
 
         Raises:
-            RobotError: if ``base`` does not carry ``tip``, or by a joint of an unknown type, or if
-                one of ``joints`` is none of them.
+            RobotError: if ``base`` does not carry ``tip``, or one of ``joints`` is none of them.
         """
         chain = self.chain(base, tip)
         for name in chain:
-            if self.kind(name) not in _TYPES:
-                unknown = UnknownNameError("type", self.kind(name), _TYPES)
-                raise RobotError(f"joint '{name}': {unknown}")
+            if (kind := self.kind(name)) not in _TYPES:
+                raise RobotError(f"joint '{name}': {UnknownNameError('type', kind, _TYPES)}")
         free = (name for name in chain if self.joints[name].find("mimic") is None)
         moving = tuple(name for name in free if self.kind(name) in MOVING)
         for name in joints:
@@ -344,7 +341,6 @@ def refuse_motionless(joint: ET.Element) -> None:
 
 def joint_friction(joint: ET.Element) -> tuple[float, float]:
     """Return damping [Nm s/rad] and friction [Nm] of its ``<dynamics>``, 0 if it states none."""
-    dynamics = joint.find("dynamics")
-    dynamics = ET.Element("dynamics") if dynamics is None else dynamics
+    dynamics = next(joint.iter("dynamics"), ET.Element("dynamics"))
     with _naming(joint):
         return _number(dynamics, "damping", "0"), _number(dynamics, "friction", "0")
