@@ -1,5 +1,6 @@
-"""Arms of the catalogue, frames near them, and one that moves by forward dynamics."""
+"""Arms of the catalogue, schemes of theirs, frames near them; one moves by forward dynamics."""
 
+import math
 from functools import cache
 from itertools import pairwise
 
@@ -9,6 +10,8 @@ from samples import Array, rodrigues, turn_of, unit_vectors
 from tolerances import BEYOND_A_STEP, NO_JUMP
 
 from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.parameters.clik import ClikParameters
+from eulerparams_control.parameters.dynamic_control import DynamicParameters
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
 
@@ -26,6 +29,37 @@ def robot_named(name):
 
 UR5, HOME = robot_named("ur5")
 STILL = np.zeros(6)
+
+# Of all limits only the positions, speeds and efforts of the URDF.
+JOINT_LIMITS = {
+    "shape_motion": False,
+    "max_joint_acceleration": (math.inf,),
+    "max_error_position": math.inf,
+    "max_error_rotation": math.inf,
+    "max_effort_rate": (2000.0,),
+}
+
+
+def begun(parameters, q=HOME, robot=UR5):
+    """Return the scheme of the parameters, begun at q."""
+    scheme = parameters.make_scheme(robot)
+    scheme.reset(q)
+    return scheme
+
+
+def clik(orientation="euler_parameters", *, limited=False, q=HOME, robot=UR5, **parameters):
+    """Return CLIK, begun at q; without any limits, or with those of the URDF."""
+    limits = {name: value for name, value in JOINT_LIMITS.items() if name != "max_effort_rate"}
+    values = {"orientation": orientation, "enforce_limits": limited, **limits, **parameters}
+    return begun(ClikParameters(**values), q, robot)
+
+
+def dynamic_control(
+    orientation="euler_parameters", *, limited=True, q=HOME, robot=UR5, **parameters
+):
+    """Return dynamic control, begun at q; with the limits of the URDF, or without any."""
+    values = {"orientation": orientation, "enforce_limits": limited, **JOINT_LIMITS, **parameters}
+    return begun(DynamicParameters(**values), q, robot)
 
 
 def pose_of(robot, q):

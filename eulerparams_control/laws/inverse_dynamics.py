@@ -78,11 +78,17 @@ class InverseDynamics:
         self.reset()
 
     def take(self, parameters: "EffortParameters") -> None:
-        """Go over to other parameters."""
-        self._friction = parameters.friction_of(self.robot)
-        self._posture = parameters.posture_of(self.robot)
-        self.rate, self.limits = parameters.effort_rate(self.robot), parameters.limits(self.robot)
-        self.inverse, self._parameters = parameters.inverse(self.robot), parameters
+        """Go over to other parameters; if they are refused, the ones before stay in force.
+
+        Raises:
+            ConfigurationError: if a value a joint is not there for each.
+        """
+        robot = self.robot
+        friction, posture = parameters.friction_of(robot), parameters.posture_of(robot)
+        rate, limits = parameters.effort_rate(robot), parameters.limits(robot)
+        self._friction, self._posture = friction, posture
+        self.rate, self.limits = rate, limits
+        self.inverse, self._parameters = parameters.inverse(robot), parameters
 
     def reset(self) -> None:
         """Forget the efforts before."""
