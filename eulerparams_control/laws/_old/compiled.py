@@ -31,7 +31,9 @@ from typing import Annotated, Any, NamedTuple, cast, get_args, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from eulerparams_control.errors import NotCompiledError
+
+class NotCompiledError(Exception):
+    """Of this room."""
 
 Array = NDArray[np.float64]
 
