@@ -36,10 +36,8 @@ _GIVES = -0.25
 # Speeds [m/s, rad/s] that make, with the ripple, the least power that counts.
 _LEAST_SPEED = (0.005, 0.05)
 
-# Rows of the averages, 6 numbers each: w and v without noise, and their means.  Of turns and of
-# presses: sign and time of the last one, when they began to follow each other, and how many have;
-# of presses also whether the tool is pressed.
-_W, _V, _MEAN_W, _MEAN_V = range(4)
+# Rows of turns and of presses, 6 numbers each: sign and time of the last one, when they began to
+# follow each other, and how many have; of presses also whether the tool is pressed.
 _SIGN, _LAST, _BEGAN, _COUNT, _IS_PRESSED = range(5)
 
 # The books: time, energy; then the power that swings, given and in size, of forces and of moments.
@@ -81,7 +79,8 @@ class ContactWatch:
 
     def reset(self) -> None:
         """Start again: nothing was given."""
-        self._averages, self._books = np.zeros((4, 6)), np.zeros(_BOOKS)
+        self._books = np.zeros(_BOOKS)
+        self._smooth = np.zeros((4, 6))  # w and v without noise, and their means
         self.look_again()
 
     def look_again(self) -> None:
@@ -100,9 +99,8 @@ class ContactWatch:
             v, omega: (3,) of the tip.
             dt: [s] since the last one.
         """
-        twist, state = np.concatenate((v, omega)), (self._averages, self._books)
-        events = self._turns, self._presses
-        found = Oscillation(observe(w, twist, dt, *state, *events, self._expected))
+        sample, events = np.array([w, [*v, *omega]]), (self._turns, self._presses)
+        found = Oscillation(observe(sample, dt, self._smooth, self._books, *events, self._expected))
         if found:
             self.look_again()
         return found
@@ -136,19 +134,13 @@ def _lasted(events: Array, i: int, sign: float, now: float, gap: float, same: fl
     return now - events[_BEGAN, i]
 
 
-@jit(i8(i8, f8, f8, f8, f8, new_vector, new_matrix, new_matrix))
+@jit(i8(i8, f8, f8, vector, new_vector, new_matrix, new_matrix))
 def _of_axis(
-    i: int,
-    force: float,
-    swing: float,
-    ripple: float,
-    gap: float,
-    books: Array,
-    turns: Array,
-    presses: Array,
+    i: int, force: float, swing: float, most: Array, books: Array, turns: Array, presses: Array
 ) -> int:
     """Return what the force of axis i does, whose part that swings is given."""
     now, part, lasted = books[_TIME], i // 3, 0.0
+    ripple, gap = most[0], most[1]
     gives = books[_POWER + part] > _GIVES * books[_SIZE + part]
     counts = books[_SIZE + part] > ripple * _LEAST_SPEED[part] * _MEMORY
     if abs(swing) > ripple and swing * turns[_SIGN, i] <= 0.0:
@@ -168,38 +160,28 @@ def _of_axis(
     return found
 
 
-@jit(i8(vector, vector, f8, new_matrix, new_vector, new_matrix, new_matrix, matrix))
+@jit(i8(matrix, f8, new_matrix, new_vector, new_matrix, new_matrix, matrix))
 def observe(
-    w: Array,
-    twist: Array,
-    dt: float,
-    averages: Array,
-    books: Array,
-    turns: Array,
-    presses: Array,
-    expected: Array,
+    sample: Array, dt: float, smooth: Array, books: Array, turns: Array, presses: Array, most: Array
 ) -> int:
-    """Take one sample w, twist (6,), see :class:`ContactWatch`; return the :class:`Oscillation`."""
+    """Take one sample (2, 6), w and v; see :class:`ContactWatch`; return the Oscillation."""
     left, found = math.exp(-dt / _MEMORY), 0
     quick, slow = 1.0 - math.exp(-dt / _NOISE), 1.0 - math.exp(-dt / _MEAN)
     if books[_TIME] == 0.0:
         quick = slow = 1.0
     books[_TIME] += max(dt, 1e-9)
+    smooth[:2] += quick * (sample - smooth[:2])
+    smooth[2:] += slow * (sample - smooth[2:])
+    swing = smooth[:2] - smooth[2:]
     for i in range(6):
         part = i // 3
-        books[_ENERGY] -= w[i] * twist[i] * dt
-        averages[_W, i] += quick * (w[i] - averages[_W, i])
-        averages[_V, i] += quick * (twist[i] - averages[_V, i])
-        averages[_MEAN_W, i] += slow * (w[i] - averages[_MEAN_W, i])
-        averages[_MEAN_V, i] += slow * (twist[i] - averages[_MEAN_V, i])
-        swing = averages[_W, i] - averages[_MEAN_W, i]
-        given = -swing * (averages[_V, i] - averages[_MEAN_V, i]) * dt
+        books[_ENERGY] -= sample[0, i] * sample[1, i] * dt
+        given = -swing[0, i] * swing[1, i] * dt
         if i % 3 == 0:
             books[_POWER + part] *= left
             books[_SIZE + part] *= left
         books[_POWER + part] += given
         books[_SIZE + part] += abs(given)
-        ripple, gap = expected[part, 0], expected[part, 1]
-        does = _of_axis(i, averages[_W, i], swing, ripple, gap, books, turns, presses)
+        does = _of_axis(i, smooth[0, i], swing[0, i], most[part], books, turns, presses)
         found = max(found, does)
     return found
