@@ -9,23 +9,18 @@ import math
 import numpy as np
 import pytest
 from arms import pose_of, robot_named
+from samples import positive_definite, uniform
 from simulated import Simulated, frames_of
 from test_contact_watch import LOOPS, START, Admittance, wall
+from tolerances import ALGEBRAIC, assert_close
 
 from eulerparams_control.control.mode import Cause, Mode, Why
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.force_control import (
-    ForceOptions,
-    _Axis,
-    _Changes,
-    _Learned,
-    _moved,
-    _Numbers,
-    _SetPoint,
-    _Surface,
-)
+from eulerparams_control.laws.force_control import ForceControl, ForceOptions
+from eulerparams_control.laws.impedance_matrices import Matrices
 from eulerparams_control.laws.rotations import quaternion
 from eulerparams_control.laws.wrench import SensedWrench
+from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 
 FORCE = 10.0  # [N]
@@ -200,14 +195,28 @@ def test_a_contact_that_begins_is_not_taken_for_noise():
 @pytest.mark.parametrize("size", [2.0, 3.0])
 def test_a_sway_of_the_sensor_is_no_contact(size, f_d):
     """Of 2 Hz and 5 Hz, from when the noise is hardly known."""
-    none, known = _Surface(0.0, 0.0, 0.0), _Learned(1e5, 0.0, False, 0.0, 0.0)
-    axis = _Axis(True, False, 0.0, 0.0, _SetPoint(f_d, 0.0, f_d), none, 0.1,
-                 _Changes(0.0, 0.0, f_d), known)  # fmt: skip
-    options = _Numbers(30.0, 0.05, 1e5, 10.0)
+    force, still = ForceControl(ForceOptions()), DesiredFrame(np.zeros(3), np.eye(3))
+    force.press(np.array([0.0, 0.0, f_d]))
     for t in np.arange(0.0, 2.0, 0.001):
         f = size * math.sin(2 * math.pi * {2.0: 2.0, 3.0: 5.0}[size] * t)
-        axis = _moved(axis, f_d, f, 0.0, 0.0, options, 0.001)
-        assert not axis.touches
+        force.drive(0.001, still, still, still, np.array([0.0, 0.0, -f, 0.0, 0.0, 0.0]), 1.0)
+        assert np.isnan(force.stiffness).all()
+
+
+@pytest.mark.parametrize("in_base", [True, False])
+def test_along_the_axes_there_is_no_stiffness_and_across_them_the_impedance_stays(in_base):
+    R_e, R_d = uniform(2)
+    force, at_tip = ForceControl(ForceOptions()), DesiredFrame(np.zeros(3), R_e)
+    force.press(np.array([0.0, 0.0, FORCE]))
+    _, rate = force.drive(0.0, at_tip, at_tip, at_tip, np.zeros(6), 1.0)
+    n = R_e[:, 2] if in_base else R_d.T @ R_e[:, 2]
+    M, D, K = positive_definite(3, least=10.0, most=100.0)
+    freed = force.freed(R_d, rate, Matrices(np.linalg.inv(M), D, K), in_base)
+    assert_close(freed.K @ n, 0, 1e3 * ALGEBRAIC)
+    assert_close(freed.M_inverse @ freed.D @ n, rate * n, 1e3 * ALGEBRAIC)
+    P = np.eye(3) - np.outer(n, n)
+    for Z, Z_freed in ((M, np.linalg.inv(freed.M_inverse)), (D, freed.D), (K, freed.K)):
+        assert_close(P @ Z_freed @ P, P @ Z @ P, 1e3 * ALGEBRAIC)
 
 
 def test_noise_of_the_sensor_is_no_contact():
