@@ -25,14 +25,7 @@ from arms import (
     robot_of,
 )
 from samples import about, generator
-from tolerances import (
-    ALGEBRAIC,
-    ERROR_EQUATION,
-    NO_JUMP,
-    NULL_SPACE,
-    RELATIVE,
-    assert_close,
-)
+from tolerances import ALGEBRAIC, ERROR_EQUATION, NO_JUMP, NULL_SPACE, RELATIVE, assert_close
 
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.errors import (
@@ -49,9 +42,7 @@ from eulerparams_control.laws.orientation import ORIENTATIONS
 from eulerparams_control.laws.rotations import angle_between
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import way_points
-from eulerparams_control.parameters.clik import ClikParameters
 from eulerparams_control.parameters.dynamic_control import DynamicParameters
-from eulerparams_control.parameters.fields import fields_of
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.robot.urdf import COULOMB_SPEED
@@ -248,28 +239,21 @@ def test_without_limits_nothing_bounds_the_efforts_and_no_error_stops_the_motion
         assert_close(tick.command.effort, law_alone(scheme, tick), NULL_SPACE)
         assert not tick.saturated
     assert np.any(np.abs(tick.command.effort) > UR5.limits.effort)
-    of_pi = limited(max_error_rotation=math.pi)
-    for angle in (1.0, 3.0, math.pi):
-        assert np.isfinite(of_pi.tick(DT, HOME, STILL, displaced(0.0, angle)).command.effort).all()
-
-
-DEG = math.radians(1)
+    limited(max_error_rotation=math.pi).tick(DT, HOME, STILL, displaced(0.0, math.pi))
 
 
 @pytest.mark.parametrize(
     "scheme", [limited, partial(limited, "euler_angles"), partial(clik, limited=True)]
 )
 @pytest.mark.parametrize(
-    ("bound", "within", "beyond", "text"),
+    ("name", "bound", "within", "beyond", "text"),
     [
-        ({"position": 0.05}, (0.04999, 0.0), (0.051, 0.0), r"0\.051 m .* 0\.05 m is allowed"),
-        ({"rotation": 10 * DEG}, (0.0, 9.99 * DEG), (0.0, 10.5 * DEG), r"10\.5 deg.* 10\.0 deg is"),
+        ("position", 0.05, (0.04999, 0.0), (0.051, 0.0), r"0\.051 m .* 0\.05 m is allowed"),
+        ("rotation", 0.17, (0.0, 0.1699), (0.0, 0.175), r"10\.0 deg.* 9\.7 deg is allowed"),
     ],
-    ids=["position", "rotation"],
 )
-def test_an_error_beyond_its_bound_stops_the_motion(scheme, bound, within, beyond, text):
-    ((name, most),) = bound.items()
-    bounded = scheme(**{f"max_error_{name}": most})
+def test_an_error_beyond_its_bound_stops_the_motion(scheme, name, bound, within, beyond, text):
+    bounded = scheme(**{f"max_error_{name}": bound})
     bounded.tick(DT, HOME, STILL, displaced(*within))
     bounded.reset(HOME)
     with pytest.raises(FollowingError, match=f"{text}.*max_error_{name}"):
@@ -320,32 +304,19 @@ def test_a_limit_of_acceleration_leaves_the_efforts_against_a_disturbance():
 
 
 # --- the rate of the efforts ---------------------------------------------------------------
-def assert_rate_is_kept(efforts, rate, dt=DT):
-    """Assert that no effort changes faster than its rate between two commands, dt [s] apart.
-
-    Return how fast [Nm/s] the fastest one changes from command to command.
-    """
-    fastest = np.abs(np.diff(efforts, axis=0)).max(axis=1) / dt
-    np.testing.assert_array_less(fastest, rate * (1 + 1e-9))
-    return fastest
-
-
 class Run:
     """A controller of dynamic control on the arm, step by step; keeps what it commands."""
 
     def __init__(self, scheme):
-        self.scheme, self.plant, self.t = scheme, Plant(), T_0
+        self.scheme, self.plant, self.t, self.efforts = scheme, Plant(), T_0, []
         self.controller = Controller(scheme, ControllerOptions(), self.plant.q)
-        self.efforts, self.faults = [], []
 
     def steps(self, count, held=False):
         """Do some steps; the arm does not move while it is held by others."""
         for _ in range(count):
             self.t += MS
             command = self.controller.step(self.t, self.plant.q, self.plant.dq)
-            assert np.isfinite(command.effort).all()
             self.efforts.append(command.effort)
-            self.faults.append(self.controller.fault)
             if held:
                 self.plant.dq = np.zeros(6)
             else:
@@ -371,12 +342,13 @@ def test_the_rate_is_kept_through_a_change_of_law_a_hold_a_fault_and_a_new_refer
     run.follow(goal, 0.6)
     run.steps(150)
     run.steps(600, held=True)  # somebody holds the arm until the error is too large
-    assert "from the desired frame" in run.faults[-1]
+    assert "from the desired frame" in run.controller.fault
     run.steps(600)  # a fault is left by a reference after a pause
     run.follow(pose_of(UR5, HOME), 0.5)
     run.steps(300)
-    assert run.faults[-1] == ""
-    fastest = assert_rate_is_kept(run.efforts, rate)
+    assert run.controller.fault == ""
+    fastest = np.abs(np.diff(run.efforts, axis=0)).max(axis=1) / DT
+    assert (fastest <= rate * (1 + 1e-9)).all()
     assert np.sum(fastest > 0.999 * rate) > 20  # it was a bound
     assert run.controller.guidance.saturated > 0
 
@@ -389,17 +361,9 @@ def test_a_smaller_limit_of_the_effort_is_approached_at_the_rate():
     for _ in range(60):
         tick = scheme.tick(DT, HOME, STILL, goal)
         assert tick.saturated
-        assert_rate_is_kept([last, tick.command.effort], 500.0)
+        assert np.abs(tick.command.effort - last).max() <= 500.0 * DT * (1 + 1e-9)
         last = tick.command.effort
     assert np.abs(last).max() == 10.0
-
-
-def test_after_a_gap_of_the_stamps_the_efforts_begin_anew():
-    run, q = Run(limited(max_effort_rate=(1.0,))), HOME + np.array([0, 0.5, 0, 0, 0, 0])
-    run.steps(5)
-    command = run.controller.step(run.t + 10_000 * MS, q, STILL)
-    assert np.abs(gravity(q) - run.efforts[-1]).max() > 5
-    assert_close(command.effort, gravity(q), NULL_SPACE)
 
 
 @pytest.mark.parametrize("reported", [None, np.zeros(6), np.full(6, math.nan), np.arange(6.0)])
@@ -476,13 +440,12 @@ def test_over_a_change_of_the_law_no_derivative_of_V_2_is_measured():  # eqs. (4
     run = Run(free())
     run.follow(displaced(0.05, 0.3), 1.0)
     run.steps(100)
-    missing = [run.controller.guidance.lyapunov() is None]
+    assert run.controller.guidance.lyapunov() is not None
     change(run.scheme, k_Po=100.0)
     run.controller.changed(ControllerOptions())
-    for _ in range(3):
-        missing.append(run.controller.guidance.lyapunov() is None)
+    for missing in (True, True, False):
+        assert (run.controller.guidance.lyapunov() is None) == missing
         run.steps(1)
-    assert missing == [False, True, True, False]
 
 
 # --- hold ----------------------------------------------------------------------------------
@@ -498,10 +461,8 @@ def test_hold_is_stiff_as_effort_limits_and_sampling_bear_and_critically_damped(
 
 
 def test_hold_leaves_the_friction_that_helps_to_stop():
-    rubbed, smooth = (
-        scheme.hold(DT, HOME, 0.1 * np.ones(6)).effort for scheme in (free(), free(**FRICTION))
-    )
-    np.testing.assert_array_equal(rubbed, smooth)
+    efforts = [one.hold(DT, HOME, STILL + 0.1).effort for one in (free(), free(**FRICTION))]
+    np.testing.assert_array_equal(*efforts)
 
 
 def test_hold_does_not_undo_whole_turns_of_a_joint_without_position_limits():
@@ -539,9 +500,6 @@ def test_hold_begins_anew_after_a_tick_or_a_reset_and_its_start_frame_is_the_mea
         begin_anew()
         assert_close(scheme.hold(DT, q, STILL).effort, g, NULL_SPACE)
         np.testing.assert_array_equal(scheme.start_frame().p_d, frame.p_d)
-    scheme.reset(q)
-    q += 1  # it keeps no array of others
-    np.testing.assert_array_equal(scheme.start_frame().p_d, frame.p_d)
 
 
 def test_hold_needs_no_jacobian_nor_orientation_and_leaves_an_arm_where_others_braked_it():
@@ -571,9 +529,8 @@ def test_a_stop_under_efforts_keeps_the_acceleration_and_does_not_swing():
 @pytest.mark.parametrize("make", [clik, free])
 def test_the_posture_of_a_joint_without_limits_is_the_same_by_any_turn(make):
     robot, q = robot_of("panda"), np.array(load_robot("panda").home)
-    ends = [np.where(np.arange(7) == 0, side * math.inf, end)
-            for side, end in ((-1, robot.limits.lower), (1, robot.limits.upper))]  # fmt: skip
-    robot.limits = replace(robot.limits, lower=ends[0], upper=ends[1])
+    robot.limits.lower[0], robot.limits.upper[0] = -math.inf, math.inf
+    robot.limits = replace(robot.limits)
     scheme, desired = make(robot=robot, posture=tuple(q + 0.2)), pose_of(robot, q)
     values = []
     for turns in (0, 1, -1):
@@ -593,25 +550,25 @@ def test_an_impossible_friction_is_refused_with_its_name_and_value(name, value):
         JointFriction(**values)
 
 
-WRONG = {
-    "posture": 5 * (0.0,),
-    "max_joint_acceleration": 2 * (1.0,),
+OF_CLIK = {"posture": 5 * (0.0,), "max_joint_acceleration": 2 * (1.0,)}
+OF_EFFORTS = {
     "friction_viscous": 2 * (1.0,),
     "friction_coulomb": 7 * (1.0,),
     "max_effort_rate": 3 * (1e3,),
 }
 
 
-@pytest.mark.parametrize("kind", [ClikParameters, DynamicParameters])
-@pytest.mark.parametrize("name", WRONG)
-def test_values_of_the_wrong_number_are_refused_and_all_that_was_in_force_stays(kind, name):
-    others = {**FRICTION, "compensate_gravity": False, name: WRONG[name]}
-    known = {name: value for name, value in others.items() if name in fields_of(kind)}
-    if name not in known:
-        pytest.skip("it is of efforts")
-    wrong, goal = kind(orientation="rodrigues", k_Pp=1.0, **known), displaced()
-    words = rf"{name} has {len(WRONG[name])} values.* 6 joints shoulder_pan_joint, .*elbow"
-    scheme, other = begun(kind()), begun(kind())
+@pytest.mark.parametrize(
+    ("make", "others", "name", "values"),
+    [(clik, {}, *item) for item in OF_CLIK.items()]
+    + [(limited, FRICTION, *item) for item in (OF_CLIK | OF_EFFORTS).items()],
+)
+def test_values_of_the_wrong_number_are_refused_and_what_was_in_force_stays(
+    make, others, name, values
+):
+    scheme, other, goal = make(), make(), displaced()
+    wrong = replace(scheme.parameters, k_Pp=1.0, **{**others, name: values})
+    words = rf"{name} has {len(values)} values.* 6 joints shoulder_pan_joint, .*elbow"
     for take in (scheme.change, lambda parameters: parameters.make_scheme(UR5)):
         with pytest.raises(ConfigurationError, match=words):
             take(wrong)
