@@ -260,8 +260,8 @@ class Clik(Scheme):
         v, w = motion.approach((distance, angle), (k_Pp, orientation.slope * k_Po))
         if k_Pp * distance > v:
             k_Pp = v / distance
-        # |omega| is at most twice k_Po slope angle, but for Euler angles near their pole and Rodrigues
-        # parameters near a half turn: where even that is within w it is not computed.
+        # |omega| is at most twice k_Po slope angle, but for Euler angles near their pole and for
+        # Rodrigues parameters near a half turn: where even that is within w it is not computed.
         if 2.0 * k_Po * orientation.slope * angle > w:
             x_de = orientation.displacement(desired.R_d, arm.R_e, self._x_de)
             k_Po *= w / max(norm(orientation.velocity(x_de, np.zeros(3), k_Po)), w)
