@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arms import HOME, STILL, UR5, Plant
+from arms import HOME, STILL, UR5, Plant, clik, dynamic_control
 from samples import generator
-from test_controller import MS, T_0, clik, dynamic_control, moved
+from test_controller import MS, T_0, moved
 from tolerances import RELATIVE, assert_close
 
 from eulerparams_control.control import judge
@@ -19,9 +19,7 @@ from eulerparams_control.control.clock import Latency, NominalPeriod
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.control.mode import Cause, Mode
 from eulerparams_control.errors import InvalidMessageError, RobotError
-from eulerparams_control.laws.clik import Clik, ClikLaw
 from eulerparams_control.laws.limits import NONE
-from eulerparams_control.laws.orientation import representation
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import way_points
@@ -89,9 +87,9 @@ class Driver:
         self.controller.orders.follow(way_points([0.0, duration], path), None, self.now)
 
 
-def on_its_way(limits=UR5.limits, feedback="internal", options=CHECKED):
+def on_its_way(options=CHECKED, **parameters):
     """Return a UR5 under CLIK halfway to a goal, and that goal."""
-    arm, goal = Driver(clik(limits=limits, feedback=feedback), HOME, options=options), moved(0.2)
+    arm, goal = Driver(clik(limited=True, **parameters), HOME, options=options), moved(0.2)
     arm.run(0.1)
     arm.controller.orders.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None, arm.now)
     arm.run(0.75)
@@ -100,9 +98,8 @@ def on_its_way(limits=UR5.limits, feedback="internal", options=CHECKED):
 
 def kinova(q, **options):
     """Return a Kinova under CLIK at q."""
-    law = ClikLaw(representation("euler_parameters"))
-    limits = replace(KINOVA.limits, acceleration=np.full(6, ACCELERATION))
-    return Driver(Clik(KINOVA, law, limits=limits), q, **options)
+    scheme = clik(limited=True, robot=KINOVA, max_joint_acceleration=(ACCELERATION,))
+    return Driver(scheme, q, **options)
 
 
 # --- turns ----------------------------------------------------------------------------------
@@ -174,9 +171,8 @@ def test_a_state_of_another_size_is_refused_and_the_next_one_is_taken():
 @pytest.mark.parametrize("jump", [0.3, -20.0])
 @pytest.mark.parametrize("event", ["", "halt", "aim"])
 def test_after_a_jump_of_the_stamps_the_tip_brakes_along_its_path_within_the_limits(jump, event):
-    limits = replace(UR5.limits, acceleration=np.full(6, ACCELERATION))
     options = replace(CHECKED, motion=MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0))
-    arm, goal = on_its_way(limits, options=options)
+    arm, goal = on_its_way(options, max_joint_acceleration=(ACCELERATION,))
     if event == "halt":
         arm.controller.orders.halt()
         arm.run(0.05)
@@ -300,18 +296,12 @@ def test_after_nine_steps_the_usual_period_is_known_whatever_is_lost_or_late(
 
 def fast(gain=100.0):
     """Return CLIK with this gain."""
-    law = ClikLaw(representation("euler_parameters"), gain, gain)
-    return Clik(UR5, law, limits=UR5.limits)
+    return clik(limited=True, k_Pp=gain, k_Po=gain)
 
 
 def effort(k_Po=800.0):
     """Return dynamic control with this gain; the error of Euler parameters has the slope 1/2."""
-    scheme = dynamic_control()
-    law = scheme.law
-    scheme.replace_law(
-        type(law)(law.orientation, 100.0, 20.0, k_Po, 20.0), scheme.dynamics, scheme.limits
-    )
-    return scheme
+    return dynamic_control(k_Pp=100.0, k_Vp=20.0, k_Po=k_Po, k_Vo=20.0)
 
 
 @pytest.mark.parametrize(
@@ -350,13 +340,13 @@ def test_the_remedy_of_a_rate_that_is_too_low_helps():
     arm.run(0.5)
     remedy = "publish 200 times a second or more, or set k_Pp to 20 or less"
     assert remedy in arm.controller.why.remedy
-    arm.controller.scheme.replace_law(fast(20.0).law)
+    arm.controller.scheme.change(fast(20.0).parameters)
     arm.run(0.6)
     arm.turn(5, 0.2)
     arm.run(2.0)
     assert arm.controller.fault == ""
     assert arm.controller.mode is Mode.FOLLOWING
-    arm.controller.scheme.replace_law(fast(100.0).law)  # a gain is judged when it is changed
+    arm.controller.scheme.change(fast(100.0).parameters)  # a gain is judged when it is changed
     arm.step()
     assert arm.controller.why.cause is Cause.RATE_TOO_LOW
 

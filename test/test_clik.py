@@ -55,7 +55,6 @@ def test_the_errors_decay_with_their_gain_while_the_frame_moves_and_turns(orient
     decay = np.exp(-K * DT * np.arange(500))[:, None]
     error = np.array([tick.dp_de for tick in ticks])
     assert_close(error, decay * error[0], 0.03 * CLOSED_LOOP)
-    assert np.linalg.norm(error[0]) == pytest.approx(0.03, rel=RELATIVE * 1e3)
     if orientation in ("angle_axis", "euler_angles", "relative_euler_angles"):  # by components
         error = np.array([tick.x_de.error for tick in ticks])
         largest = np.linalg.norm(error[0])

@@ -11,9 +11,8 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from arms import HOME, STILL, UR5, Plant
+from arms import HOME, STILL, UR5, Plant, clik, dynamic_control
 from arms import pose_of as tip_pose
-from representations import make
 from samples import about, by_angles, generator, near_pole, poles, rodrigues, uniform
 from tolerances import ALGEBRAIC, GUARD_ROUNDING, HELD, RELATIVE, assert_close
 
@@ -21,13 +20,7 @@ from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.control.mode import Mode
 from eulerparams_control.control.references import References
 from eulerparams_control.errors import InvalidMessageError
-from eulerparams_control.laws.clik import FEEDBACKS, Clik, ClikLaw
-from eulerparams_control.laws.dynamic_control import (
-    DynamicControl,
-    EffortLimits,
-    ResolvedAcceleration,
-)
-from eulerparams_control.laws.inverse_dynamics import InverseDynamics
+from eulerparams_control.laws.clik import FEEDBACKS
 from eulerparams_control.laws.orientation import ORIENTATIONS, SEQUENCES, SIGNS
 from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.motion.frames import DesiredFrame
@@ -41,18 +34,6 @@ LIMITS = MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0)
 ANY_JUMP = ControllerOptions(max_jump_position=math.inf, max_jump_rotation=math.inf)
 
 pose_of = partial(tip_pose, UR5)
-
-
-def clik(orientation="euler_parameters", sequence="XYZ", sign="hysteretic", **options):
-    return Clik(UR5, ClikLaw(make(orientation, sequence, sign), 100.0, 100.0), **options)
-
-
-def dynamic_control(
-    orientation="euler_parameters", sequence="XYZ", sign="hysteretic", limited=True
-):
-    limits = EffortLimits(UR5.limits, 2000.0) if limited else EffortLimits()
-    law = ResolvedAcceleration(make(orientation, sequence, sign))
-    return DynamicControl(UR5, law, InverseDynamics(), limits)
 
 
 def controller(options=None, q=HOME, **scheme):
@@ -153,10 +134,10 @@ def test_after_a_jump_of_the_stamp_nothing_is_integrated_and_the_measured_pose_h
     assert running.supervisor.resets == 1
 
 
-def move_in_all_ways():
-    """Let an arm follow each kind of reference, while it is an error to compile a formula."""
+def move_in_all_ways(scheme):
+    """Let an arm follow each kind of reference, while it is an error to compile anything."""
     options = ControllerOptions(motion=LIMITS)
-    running, dp, t = controller(options), np.array([0.05, 0.0, 0.0]), T_0
+    running, dp, t = Controller(scheme, options, HOME), np.array([0.05, 0.0, 0.0]), T_0
     goal = moved(0.05, 0.3)
 
     def go_on(steps):
@@ -165,7 +146,7 @@ def move_in_all_ways():
             t += MS
             running.step(t, HOME, STILL)
 
-    with patch("eulerparams_control.laws._old.compiled.entry", side_effect=AssertionError):
+    with patch("numba.core.dispatcher.Dispatcher.compile", side_effect=AssertionError):
         go_on(3)
         for seconds in (0.1, 1.0):  # too fast, then within the limits, which join on the way
             running.orders.follow(way_points([seconds], [(goal.p_d, goal.R_d)]), None)
@@ -191,15 +172,15 @@ def move_in_all_ways():
 
 
 def test_nothing_is_compiled_while_an_arm_moves():
-    code = "import test_controller; test_controller.move_in_all_ways()"
+    code = "from test_controller import *; move_in_all_ways(clik())"
+    code += "; move_in_all_ways(dynamic_control(limited=False))"
     subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parent, check=True)
 
 
 @pytest.mark.parametrize("way", [(0.4, 0.4, 0.4), (0.0, 0.0, 0.8)])
 def test_a_goal_out_of_reach_is_gone_to_without_swinging(way):
-    joints = replace(UR5.limits, acceleration=np.full(6, 10.0))
-    law = ClikLaw(make("euler_parameters"), 100.0, 200.0)
-    scheme = Clik(UR5, law, limits=joints, motion=LIMITS)
+    options = {"shape_motion": True, "max_joint_acceleration": (10.0,)}
+    scheme = clik(limited=True, k_Po=200.0, **options)
     running, home = Controller(scheme, ControllerOptions(motion=LIMITS), HOME), pose_of(HOME)
     running.orders.aim(home._replace(p_d=home.p_d + way))
     command, v = JointCommand(HOME, STILL), np.zeros(3)
@@ -221,8 +202,8 @@ def test_an_arm_under_efforts_whose_speed_limits_are_lowered_does_not_run_away()
     speeds = []
     for step in range(2000):
         if step == 600:
-            low = replace(scheme.limits.joints.scaled(0.02), acceleration=np.full(6, 10.0))
-            scheme.limits = replace(scheme.limits, joints=low)
+            low = replace(scheme.limits.scaled(0.02), acceleration=np.full(6, 10.0))
+            scheme.bound(low)
             running.changed(ControllerOptions())
             assert np.abs(plant.dq).max() > 2 * 1.5 * low.velocity.max()
         plant.step(running.step(T_0 + step * MS, plant.q, plant.dq).effort)
@@ -238,14 +219,14 @@ def test_an_arm_under_efforts_whose_speed_limits_are_lowered_does_not_run_away()
 
 @pytest.mark.parametrize("dt", [1, 2, 10])
 def test_speed_limits_that_are_lowered_in_motion_are_come_to_within_the_accelerations(dt):
-    limits = replace(UR5.limits, acceleration=np.full(6, 10.0))
-    options = ControllerOptions(motion=LIMITS)
-    running, commands = controller(options, limits=limits), [JointCommand(HOME, STILL)]
+    options, accelerations = ControllerOptions(motion=LIMITS), {"max_joint_acceleration": (10.0,)}
+    running = controller(options, limited=True, **accelerations)
+    commands = [JointCommand(HOME, STILL)]
     goal = moved(0.2)
     running.orders.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None)
     for step in range(1800 // dt):
         if step == 700 // dt:
-            running.scheme.limits = limits.scaled(0.02)
+            running.scheme.bound(running.scheme.limits.scaled(0.02))
             running.changed(options)
             assert np.abs(commands[-1].dq).max() > 0.1
         last = commands[-1]
@@ -389,7 +370,7 @@ def test_where_a_reference_is_required_there_is_silence_until_the_first():
 
 # --- faults -------------------------------------------------------------------------------
 def test_an_arm_that_does_not_follow_is_held_where_it_was_measured():
-    running = controller(limits=UR5.limits, max_deviation=0.05)
+    running = controller(limited=True, max_deviation=0.05)
     goal = moved(0.2, 0.8)
     running.orders.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
     t = T_0
@@ -520,15 +501,16 @@ FAMILIES = sorted(
 @pytest.mark.parametrize("family", FAMILIES, ids="-".join)
 @pytest.mark.parametrize("limited", [True, False], ids=["limits", "no limits"])
 def test_no_desired_frame_makes_a_command_that_is_not_finite(family, limited):
-    limits = UR5.limits if limited else None
-    schemes = [clik(*family, feedback=feedback, limits=limits) for feedback in FEEDBACKS]
-    for key, scheme in enumerate([*schemes, dynamic_control(*family, limited=limited)]):
+    orientation, sequence, sign = family
+    options = {"euler_sequence": sequence, "quaternion_sign": sign, "limited": limited}
+    schemes = [clik(orientation, feedback=feedback, **options) for feedback in FEEDBACKS]
+    for key, scheme in enumerate([*schemes, dynamic_control(orientation, **options)]):
         running = Controller(scheme, ANY_JUMP, HOME)
-        faults = feed(running, [SetPoint(frame, 0.02) for frame in garbage(family[1], key)])
+        faults = feed(running, [SetPoint(frame, 0.02) for frame in garbage(sequence, key)])
     assert faults > 0  # of the efforts
 
 
-@pytest.mark.parametrize("scheme", [partial(clik, limits=UR5.limits), dynamic_control])
+@pytest.mark.parametrize("scheme", [partial(clik, limited=True), dynamic_control])
 def test_garbage_does_not_survive_in_the_controller(scheme):
     with np.errstate(all="ignore"):
         running = Controller(scheme("euler_angles"), ANY_JUMP, HOME)

@@ -4,18 +4,16 @@ import math
 
 import numpy as np
 import pytest
-from arms import HOME, UR5
+from arms import HOME, UR5, clik
 from arms import pose_of as tip_pose
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Transform, Twist, Vector3
-from representations import make
 from samples import about, generator
 from test_shaper import LIMITS, Motion, assert_within
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.errors import InvalidMessageError
-from eulerparams_control.laws.clik import Clik, ClikLaw
 from eulerparams_control.laws.rotations import angle_between, exp, log
 from eulerparams_control.messages.from_ros import motion_from_ros
 from eulerparams_control.messages.to_ros import duration_to_ros, quaternion_to_ros, vector_to_ros
@@ -61,10 +59,7 @@ class Arm:
     """A controller on an arm that goes where it is told."""
 
     def __init__(self, limits=LIMITS, rate=RATE, **options):
-        law = ClikLaw(make("euler_parameters", "XYZ", "hysteretic"), 100.0, 100.0)
-        self.controller = Controller(
-            Clik(UR5, law), ControllerOptions(motion=limits, **options), HOME
-        )
+        self.controller = Controller(clik(), ControllerOptions(motion=limits, **options), HOME)
         self.q, self.dq, self.k, self.rate = HOME, np.zeros(UR5.n), 0, rate
         self.desired = []
 

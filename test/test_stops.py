@@ -149,15 +149,15 @@ def test_friction_of_the_joints_is_no_contact_where_an_arm_is_stopped_in_motion(
     leaning.controller.orders.aim(aside, leaning.now)
     leaning.run(1.0)
     assert leaning.speeds[-1] > 0.2
-    leaning.scheme.limits = replace(leaning.scheme.limits, error_position=1e-6)
-    leaning.scheme.bound(leaning.scheme.limits.joints)  # so that it does not follow well enough
+    scheme = leaning.scheme  # which does not follow well enough now
+    scheme.change(replace(scheme.parameters, max_error_position=1e-6))
     before, hardest = leaning.plant.dq, 0.0
     for _ in range(250):
         leaning.tick()
         hardest = max(hardest, np.abs(leaning.plant.dq - before).max() / leaning.dt)
         before = leaning.plant.dq
     assert leaning.controller.why.cause is Cause.NOT_FOLLOWING
-    assert hardest < 1.2 * leaning.scheme.limits.joints.acceleration.max()
+    assert hardest < 1.2 * scheme.limits.acceleration.max()
     assert max(leaning.speeds[-5:]) < 0.02
 
 

@@ -6,9 +6,9 @@ import re
 
 import numpy as np
 import pytest
-from arms import HOME, STILL, UR5
+from arms import HOME, STILL, UR5, clik, dynamic_control
 from samples import generator
-from test_controller import MS, T_0, clik, dynamic_control, moved, pose_of
+from test_controller import MS, T_0, moved, pose_of
 from tolerances import GUARD_ROUNDING, HELD, RELATIVE
 
 from eulerparams_control.control.command_limiter import CommandLimiter
@@ -47,13 +47,13 @@ CHECKED = ControllerOptions(check_states=True)
 
 
 # --- the guard ----------------------------------------------------------------------------
-@pytest.mark.parametrize("field", ["q", "dq", "effort", "frame_row"])
+@pytest.mark.parametrize("field", ["q", "dq", "effort", "frame"])
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("limits", [LIMITS, None])
 def test_a_command_that_is_not_finite_is_refused_whether_limits_are_on_or_not(field, bad, limits):
     value, text = np.array([0.0, bad, 0.0]), f"non-finite {field}"
-    if field == "frame_row":
-        value, text = DesiredFrame(value, np.eye(3)).row, "compliant frame"
+    if field == "frame":
+        value, text = DesiredFrame(value, np.eye(3)), "compliant frame"
     with pytest.raises(UnsafeCommandError, match=text):
         CommandLimiter(limits)(JointCommand(**{field: value}), ZERO, DT)
 
@@ -211,19 +211,19 @@ class Failing:
 
 def alter(running, change):
     """Let the law of a controller command what ``change`` makes of its command."""
-    tick = running.scheme.step
+    tick = running.scheme.tick
 
     def altered(*args):
         found = tick(*args)
         return found._replace(command=change(found.command))
 
-    running.scheme.step = altered
+    running.scheme.tick = altered
 
 
 @pytest.mark.parametrize("scheme", [clik, dynamic_control])
 def test_after_a_defect_in_the_law_the_arm_is_held_and_the_place_told(scheme):
-    running, t, q, dq, _ = following(scheme(limits=UR5.limits) if scheme is clik else scheme())
-    running.scheme.step = Failing()
+    running, t, q, dq, _ = following(scheme(limited=True))
+    running.scheme.tick = Failing()
     command = running.step(t + MS, q, dq)
     expected = r"internal error ZeroDivisionError: of all things \(test_supervision.py:\d+\)"
     assert re.fullmatch(expected, running.fault)
@@ -233,16 +233,16 @@ def test_after_a_defect_in_the_law_the_arm_is_held_and_the_place_told(scheme):
     else:
         g = UR5.dynamic_state(q, STILL).g
         np.testing.assert_allclose(command.effort, g, atol=20.0)  # held, not let go
-    del running.scheme.step
+    del running.scheme.tick
     running.step(t + 2 * MS, q, dq)
     assert "ZeroDivisionError" in running.fault  # until the next reference
 
 
 def test_after_a_singularity_the_arm_is_held_until_the_next_reference():
-    running, t, q, dq, _ = following(clik(limits=UR5.limits))
-    running.scheme.step = Failing(SingularityError)
+    running, t, q, dq, _ = following(clik(limited=True))
+    running.scheme.tick = Failing(SingularityError)
     command = running.step(t + MS, q, dq)
-    del running.scheme.step  # the law has an answer again
+    del running.scheme.tick  # the law has an answer again
     for step in range(2, 600):
         command = running.step(t + step * MS, command.q, command.dq)
         assert running.fault == "of all things"
@@ -254,18 +254,18 @@ def test_after_a_singularity_the_arm_is_held_until_the_next_reference():
 
 
 def test_a_command_that_is_not_finite_never_leaves_the_controller():
-    running, t, q, dq, _ = following(clik(limits=UR5.limits))
+    running, t, q, dq, _ = following(clik(limited=True))
     alter(running, lambda command: command._replace(q=command.q * math.nan))
     assert running.step(t + MS, q, dq) is None
     assert "non-finite q" in running.fault
-    del running.scheme.step
+    del running.scheme.tick
     command = running.step(t + 2 * MS, q, dq)
     assert np.isfinite(command.q).all()
     assert not command.dq.any()
 
 
 def test_a_state_that_repeats_itself_for_too_long_gets_no_more_commands():
-    running, t, q, dq, now = following(clik(limits=UR5.limits), now=50.0)
+    running, t, q, dq, now = following(clik(limited=True), now=50.0)
     last = running.step(t + MS, q, dq, now + DT)
     assert np.abs(last.dq).max() > 0.01
     assert running.step(t + MS, q, dq, now + 0.9 * TIMEOUT) is None
@@ -292,7 +292,7 @@ def test_an_effort_that_a_defect_makes_too_large_or_too_sudden_is_bounded():
 
 
 def test_a_position_at_rest_is_repeated_as_long_as_its_state_is_but_no_effort():
-    running = Controller(clik(limits=UR5.limits), CHECKED, HOME)
+    running = Controller(clik(limited=True), CHECKED, HOME)
     first = running.step(T_0, HOME, STILL, 50.0)
     assert running.step(T_0, HOME, STILL, 60.0) is first
     assert running.fault == ""
@@ -322,7 +322,7 @@ def test_positions_that_stay_while_speeds_are_reported_are_not_believed():
 
 
 def test_an_arm_that_runs_away_while_it_is_held_gets_no_efforts_until_it_is_resumed():
-    running, t, q, _, _ = following(clik(limits=UR5.limits))
+    running, t, q, _, _ = following(clik(limited=True))
     limit = UR5.limits.velocity
     running.orders.halt()
     assert running.step(t + MS, q + 0.003, 1.6 * limit) is not None  # it takes positions
@@ -364,7 +364,7 @@ def test_an_arm_that_still_moves_long_after_it_was_stopped_gets_no_efforts():
 
 
 def test_states_that_stay_late_are_taken_again_after_a_second_where_the_arm_is_then():
-    running, t, q, _dq, now = following(clik(limits=UR5.limits), now=50.0)
+    running, t, q, _dq, now = following(clik(limited=True), now=50.0)
     taken = []
     for step in range(1, 1200):
         try:
@@ -394,7 +394,7 @@ def test_after_an_outage_what_was_under_way_is_refused(scheme):
 
 @pytest.mark.parametrize("duration", [0.0, 0.02, 0.6, 1.6])
 def test_a_stream_has_to_pause_after_a_fault_by_the_clock_that_goes_on(duration):
-    running, t, q, _, now = following(clik(limits=UR5.limits), now=50.0)
+    running, t, q, _, now = following(clik(limited=True), now=50.0)
     here = running.scheme.frame_at(q)
     motion = SetPoint(here, 0.1) if not duration else way_points([duration], [(here.p_d, here.R_d)])
     running.orders.follow(motion, None, now - 0.02)
@@ -409,7 +409,7 @@ def test_a_stream_has_to_pause_after_a_fault_by_the_clock_that_goes_on(duration)
 
 @pytest.mark.parametrize("accelerates", [False, True])
 def test_a_set_point_whose_twist_leads_far_away_is_refused_wherever_it_ends(accelerates):
-    running = Controller(clik(limits=UR5.limits), CHECKED, HOME)
+    running = Controller(clik(limited=True), CHECKED, HOME)
     there_and_back = pose_of(HOME)._replace(
         dp_d=np.array([10.0, 0.0, 0.0]), ddp_d=np.array([-200.0 if accelerates else 0.0, 0.0, 0.0])
     )
@@ -433,7 +433,7 @@ def test_a_second_publisher_of_states_with_a_clock_of_its_own_moves_nothing(sche
 
 
 def test_a_simulation_that_begins_anew_is_believed_when_it_goes_on_steadily():
-    running, _, _, _, now = following(clik(limits=UR5.limits), now=50.0)
+    running, _, _, _, now = following(clik(limited=True), now=50.0)
     q = HOME + 0.2
     answers = [running.step(k * MS, q, STILL, now + k * DT) for k in range(1, 300)]
     assert answers[0] is None
@@ -479,13 +479,13 @@ def test_a_law_that_is_never_finite_leaves_the_arm_to_its_brakes_after_it_let_go
 
 
 def test_after_a_silence_of_its_own_a_controller_begins_where_the_arm_is_then():
-    running, t, q, _, now = following(clik(limits=UR5.limits), now=50.0)
-    tick, hold = running.scheme.step, running.scheme.hold
-    running.scheme.step = running.scheme.hold = Failing()
+    running, t, q, _, now = following(clik(limited=True), now=50.0)
+    tick, hold = running.scheme.tick, running.scheme.hold
+    running.scheme.tick = running.scheme.hold = Failing()
     for step in range(1, 150):
         assert running.step(t + step * MS, q, STILL, now + step * DT) is None
     assert "ZeroDivisionError" in running.fault
-    running.scheme.step, running.scheme.hold = tick, hold
+    running.scheme.tick, running.scheme.hold = tick, hold
     braked = q - 0.02
     command = running.step(t + 150 * MS, braked, STILL, now + 150 * DT)
     np.testing.assert_allclose(command.q, braked, atol=HELD)
@@ -531,7 +531,7 @@ def test_after_the_resume_of_a_released_arm_that_sags_in_a_silence_no_effort_jum
 
 # --- defects at the wrong moment ----------------------------------------------------------
 def test_a_restart_that_fails_is_a_restart_again_at_the_next_state():
-    running, t, q, _, now = following(clik(limits=UR5.limits), now=50.0)
+    running, t, q, _, now = following(clik(limited=True), now=50.0)
     reset, moved_by_hand = running.scheme.reset, q + 0.5
     running.scheme.reset = Failing()
     with pytest.raises(ZeroDivisionError) as planted:
@@ -629,10 +629,10 @@ def test_neither_a_reference_nor_a_resume_leads_out_of_a_runaway_or_a_defect():
         running.orders.resume()
     assert running.mode is Mode.RELEASING
     assert "runs away" in running.fault
-    running, t, q, _, now = following(clik(limits=UR5.limits), now=50.0)
-    running.scheme.step = Failing()
+    running, t, q, _, now = following(clik(limited=True), now=50.0)
+    running.scheme.tick = Failing()
     running.step(t + MS, q, STILL, now + DT)
-    del running.scheme.step
+    del running.scheme.tick
     running.step(t + 1000 * MS, q, STILL, now + 1.0)
     for ask in asks(running, q, now + 1.0):
         with pytest.raises(InvalidMessageError, match="deactivate and activate"):

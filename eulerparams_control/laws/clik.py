@@ -79,7 +79,7 @@ def held_gain(k: float, dt: float) -> float:
 
 
 def held_frame(desired: DesiredFrame, dt: float) -> DesiredFrame:
-    """Return the frame with its mean velocity over the dt [s] for which a command is held."""
+    """Return the frame with its mean velocities over the dt [s] for which a command is held."""
     if dt == 0.0:
         return desired
     return desired._replace(
@@ -102,8 +102,9 @@ class Clik(Scheme):
     Attributes:
         parameters: in force; see :meth:`change`.
         orientation: the representation.
-        limits: of the joints; None if there are none.  With them the tip's limits bound how fast
-            an error is undone, and errors and deviations stop the motion.
+        limits: of the joints; None if there are none.  Where there are, the limits of the tip
+            bound how fast an error is undone, and too large an error or deviation of the joints
+            stops the motion.
 
     Raises:
         ConfigurationError: if the posture has the wrong size.
@@ -141,7 +142,7 @@ class Clik(Scheme):
 
     @property
     def _law(self) -> tuple[Any, ...]:
-        """What the joint velocity depends on."""
+        """All that the joint velocity depends on; a change of it is blended."""
         p = self.parameters
         return self.orientation, self._inverse, p.k_Pp, p.k_Po, p.posture, p.k_posture
 
@@ -204,7 +205,8 @@ class Clik(Scheme):
         q_c = self._integrated(dt, q)
         arm = self.robot.state(q_c, self._dq) if is_internal else self.robot.state(q, dq)
         dq_c, x_de = self._velocity(dt, arm, desired)
-        dq_c, saturated, excess = self._blend(dt, dq_c), False, 1.0
+        dq_c = self._blend(dt, dq_c)
+        saturated, excess = False, 1.0
         if not math.isfinite(dq_c @ dq_c):
             raise SingularityError("the law asks for an infinite joint velocity")
         if limits is not None:
@@ -227,12 +229,12 @@ class Clik(Scheme):
         if not math.isfinite(q_c @ q_c):
             raise SingularityError("the joint velocities lead to infinite joint positions")
         if self.limits is not None:
-            deviation, most = self.limits.deviation(q_c, q), self.parameters.max_deviation
+            deviation, bound = self.limits.deviation(q_c, q), self.parameters.max_deviation
             i = int(deviation.argmax())
-            if not deviation[i] <= most:
+            if not deviation[i] <= bound:
                 raise FollowingError(
                     f"the joint {self.robot.joints[i]} is {deviation[i]:.3f} from its command; at "
-                    f"most {most} is allowed: is the arm braked or blocked, or its servo off? "
+                    f"most {bound} is allowed: is the arm braked or blocked, or its servo off? "
                     "then send the reference again, else raise max_deviation"
                 )
         return q_c
@@ -246,7 +248,8 @@ class Clik(Scheme):
     def _gains(self, dt: float, arm: RobotState, desired: DesiredFrame) -> tuple[float, float]:
         """Return k_Pp, k_Po [1/s] for a command that is held for dt [s].
 
-        An error e asks for the speed k e: no more than that from which the tip stops where e is 0.
+        An error e asks for the speed k e.  Where that is more than the speed from which the tip
+        stops where e is 0, k is smaller.
         """
         orientation, motion = self.orientation, self._motion
         k_Pp = held_gain(self.parameters.k_Pp, dt)
@@ -257,7 +260,9 @@ class Clik(Scheme):
         v, w = motion.approach((distance, angle), (k_Pp, orientation.slope * k_Po))
         if k_Pp * distance > v:
             k_Pp = v / distance
-        if 2.0 * k_Po * orientation.slope * angle > w:  # x_de may not be slope times the angle
+        # |omega| is at most twice k_Po slope angle, but for Euler angles near their pole and for
+        # Rodrigues parameters near a half turn: where even that is within w it is not computed.
+        if 2.0 * k_Po * orientation.slope * angle > w:
             x_de = orientation.displacement(desired.R_d, arm.R_e, self._x_de)
             k_Po *= w / max(norm(orientation.velocity(x_de, np.zeros(3), k_Po)), w)
         return k_Pp, k_Po

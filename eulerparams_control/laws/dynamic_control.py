@@ -39,8 +39,8 @@ _HOLD_RATE = 20.0
 # Square [Nm^2] of the external efforts below which the arm touches nothing.
 _NO_EFFORT = 1.0
 
-# A gain [1/s] that is none.
-_TINY = 1e-100
+# Least damping k_V [1/s], for a finite k_P / k_V.
+_LEAST_DAMPING = 1e-100
 
 
 def resolved_acceleration(
@@ -74,13 +74,13 @@ def resolved_acceleration(
 
 
 class Acceleration(NamedTuple):
-    """What a law of efforts asks for.
+    """Answer of a law that commands efforts.
 
     Attributes:
-        ddq: (n,) [rad/s^2] of the joints.
-        x_de: orientation displacement.
+        ddq: (n,) [rad/s^2] acceleration of the joints.
+        x_de: orientation displacement of the representation, eqs. (22), (27).
         excess: see :class:`Tick`; None: that of the joint speeds.
-        effects: what the law knows besides.
+        effects: see :class:`Tick`.
     """
 
     ddq: Array
@@ -90,7 +90,7 @@ class Acceleration(NamedTuple):
 
 
 class EffortControl(Scheme):
-    """What the schemes that command efforts share: inverse dynamics, limits, and the hold.
+    """Base of the schemes that command efforts: inverse dynamics, limits, and the hold.
 
     Args:
         robot: the arm.
@@ -126,7 +126,7 @@ class EffortControl(Scheme):
 
     @abstractmethod
     def _accelerate(self, dt: float, state: DynamicState, desired: DesiredFrame) -> Acceleration:
-        """Return what the law asks for; raises SingularityError."""
+        """Return the accelerations of the law; raises SingularityError."""
 
     def _effort_limits(self) -> JointLimits | None:
         return self.limits
@@ -141,7 +141,7 @@ class EffortControl(Scheme):
         self._take(parameters)
         if self.orientation != orientation:
             self._forget_x()  # it means nothing to another representation
-        if not self._saturated:  # of a law that failed nothing is to go on
+        if not self._saturated:  # else its acceleration is not that of the arm: nothing to blend
             self._blend.replace(self.dynamics.ddq)
 
     def _forget_x(self) -> None:
@@ -175,7 +175,7 @@ class EffortControl(Scheme):
         self._blend.reset()
 
     def skip(self) -> None:
-        """Forget the speeds of the tick before, which tell how the joints drift."""
+        """Forget the speeds of the tick before, from which the drift is estimated."""
         self.dynamics.skip()
 
     def resume(self, q: Array) -> None:
@@ -285,14 +285,14 @@ class EffortControl(Scheme):
         force: Array | None,
         presses: bool,
     ) -> None:
-        """Count who does the work on a contact: the motion, or what pushes the arm.
+        """Sum up the work on a contact: of the motion, and of the environment on the arm.
 
         Args:
             dt: [s] since the tick before.
             arm: of this tick.
             desired: the frame that leads the arm.
             force: (3,) [N] of the contact on the tip as it is measured; None: it is estimated.
-            presses: whether the arm is told to exert a force.
+            presses: whether the arm is commanded to exert a force.
         """
         e, is_measured = self.dynamics.external, force is not None
         if force is None:
@@ -339,7 +339,7 @@ class DynamicControl(EffortControl):
     def _gains(
         self, state: DynamicState, desired: DesiredFrame
     ) -> tuple[float, float, float, float]:
-        """Return k_Pp, k_Vp, k_Po, k_Vo, smaller k_P where errors are large: see _braked."""
+        """Return k_Pp, k_Vp, k_Po, k_Vo, smaller k_P where errors are large: see :func:`braked`."""
         p, motion, slope = self.parameters, self._motion, self.orientation.slope
         if motion is None:
             return p.k_Pp, p.k_Vp, p.k_Po, p.k_Vo
@@ -361,10 +361,17 @@ class DynamicControl(EffortControl):
 def braked(k_P: float, k_V: float, e: float, speed: float, a: float, resisted: float) -> float:
     """Return k_P [1/s^2], smaller where the error e is so large that the tip would overshoot.
 
-    An error e asks for the speed k_P e / k_V: no more than that from which the tip stops where
-    e is 0.  Bounded accelerations would swing else.
+    An error e [m or rad] asks for the speed k_P e / k_V: no more than that from which the tip stops
+    where e is 0, within its speed and its acceleration a.  Otherwise bounded accelerations would
+    make it swing.
+
+    Args:
+        k_P, k_V: gains [1/s^2], [1/s].
+        e: the error.
+        speed, a: limits of the tip.
+        resisted: acceleration with which a disturbance holds the tip back; k_P e may balance it.
     """
-    v = approach(e, k_P / max(k_V, _TINY), speed, a)
+    v = approach(e, k_P / max(k_V, _LEAST_DAMPING), speed, a)
     if math.isinf(v) or k_P * e <= k_V * v + resisted:
         return k_P
     return (k_V * v + resisted) / e

@@ -50,11 +50,11 @@ def joint_efforts(state: DynamicState, ddq: Array, h: Array | None = None) -> Ar
 
 
 class InverseDynamics:
-    """Efforts for joint accelerations, within the limits, and what is known of those before.
+    """Efforts for joint accelerations, within the limits; estimates of what else acts on the arm.
 
     Args:
         robot: the arm.
-        parameters: what is compensated, postures and limits.
+        parameters: which terms are compensated, posture and limits.
 
     Attributes:
         limits: of the joints; None: nothing bounds the efforts.
@@ -113,13 +113,13 @@ class InverseDynamics:
             self._start = self.robot.limits.limit_effort(effort)[0]
 
     def added(self, state: DynamicState) -> Array:
-        """Return the efforts (n,) that the robot adds itself: what is not compensated here."""
+        """Return the efforts (n,) that the robot adds itself: the terms not compensated here."""
         p = self._parameters
         added: Array = (not p.compensate_gravity) * state.g
         return added + (not p.compensate_coriolis) * state.C_dq
 
     def weight(self, state: DynamicState) -> Array:
-        """Return the gravitational efforts (n,) that are compensated here."""
+        """Return the gravitational efforts (n,) to command: none if the robot adds them itself."""
         return state.g if self._parameters.compensate_gravity else np.zeros(self.robot.n)
 
     @property
@@ -173,15 +173,15 @@ class InverseDynamics:
         return slowed or reduced
 
     def keep(self, tau: Array, ddq: Array, dq: Array, *, is_obeyed: bool) -> None:
-        """Keep what acts until the next tick, of an arm at the speeds dq (n,)."""
+        """Keep the efforts and accelerations that act until the next tick, and dq (n,)."""
         self.tau, self.ddq, self.dq, self._is_obeyed = tau, ddq, dq, is_obeyed
         self._start = None
 
     def observe(self, dt: float, state: DynamicState, tau: Array | None) -> Array:
-        """Estimate the external efforts while tau acted; return e (n,) over the last dt [s] alone.
+        """Update ``external`` from the last dt [s], in which tau (n,) acted; return e (n,) of it.
 
-        e = B ddq + C dq + d + g - tau, eq. (32), with the measured ddq; where that is not known,
-        as before.
+        e = B ddq + C dq + d + g - tau, eq. (32), with ddq from the measured speeds; ``external``,
+        unchanged, where these are not known.
         """
         if not dt > 0.0 or self.dq is None or tau is None:
             return self.external
@@ -195,6 +195,7 @@ class InverseDynamics:
         return e
 
     def _estimate_drift(self, dt: float, dq: Array) -> None:
+        """Update ``drift``, unless the efforts before were cut, and so not obeyed."""
         if self._is_obeyed and self.dq is not None and dt > 0.0:
             more = (dq - self.dq) / dt - self.ddq
             part = 1.0 - math.exp(-dt / _DRIFT_TIME)
@@ -203,9 +204,10 @@ class InverseDynamics:
     def _limited(
         self, lasts: float, state: DynamicState, tau: Array, added: Array, limits: JointLimits
     ) -> tuple[Array, bool]:
-        """Return tau (n,) within the limits, and in its change; and whether that cut it.
+        """Return tau (n,) within the limits of the efforts and of their rates; and whether cut.
 
-        One factor cuts all joints: about C dq + g for the limits, about what acts for the rates.
+        One factor cuts all joints: from C dq + g on for the limits, from the efforts that act on
+        for the rates.
         """
         weight, most, cut = state.C_dq + state.g, limits.effort, False
         step = tau + added - weight

@@ -16,19 +16,19 @@ _DISTANCE, _ANGLE = 1e-10, 1e-10  # [m], [rad] at which the pose is reached
 
 
 def inverse_kinematics(robot: Robot, frame: DesiredFrame, q_start: Array) -> Array:
-    """Return q (n,) whose pose is that of ``frame``, found from q_start (n,).
+    """Return q (n,) whose pose is that of ``frame``, the solution to which q_start (n,) leads.
 
     Raises:
         RobotError: if the pose is not reached, or only outside the limits of the joints.
     """
-    log, inverse = representation("rotation_vector"), DampedInverse()
+    orientation, inverse = representation("rotation_vector"), DampedInverse()
     frame, q, still = frame.at_rest(), q_start.copy(), np.zeros_like(q_start)
     for _ in range(_STEPS):
         state = robot.state(q, still)
         distance, angle = norm(frame.p_d - state.p_e), angle_between(frame.R_d, state.R_e)
         if distance < _DISTANCE and angle < _ANGLE:
             break
-        dq, _ = clik(state, frame, log, None, _GAIN, _GAIN, inverse, still)
+        dq, _ = clik(state, frame, orientation, None, _GAIN, _GAIN, inverse, still)
         q = q + dq
     else:
         raise RobotError(

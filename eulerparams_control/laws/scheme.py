@@ -52,10 +52,10 @@ class Tick(NamedTuple):
         state: kinematics of the arm on which the loop was closed.
         x_de: orientation displacement of the representation, eqs. (22), (27).
         saturated: whether a limit changed the command.
-        excess: by how much what the law asks for is beyond its limits, joint speeds or how far a
-            spring is stretched; >= 1.  Time waits for the arm then.
+        excess: ratio, >= 1, of the joint speeds or the stretch of a spring that the law asks for to
+            their limit.  Above 1 the time of the motion slows down.
         wrench: (6,) [N, Nm] contact about the tip, base frame; None where none is measured.
-        effects: what the law knows besides.
+        effects: further results of the law, for its messages.
     """
 
     command: JointCommand
@@ -77,8 +77,7 @@ class LoopGain(NamedTuple):
     """A gain, and how fast the loop is that it closes.
 
     Attributes:
-        name: of the gain.
-        value: of it.
+        name, value: of the gain.
         rate: [1/s] of the loop.
         order: the rate goes as the gain to the power of 1 / order.
     """
@@ -173,7 +172,7 @@ class Scheme(ABC):
 
     @abstractmethod
     def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
-        """Return the command that holds the arm still, whatever became of the law.
+        """Return the command that holds the arm still, also where the law has failed.
 
         Args:
             dt: [s] since the command before.
@@ -191,7 +190,7 @@ class Scheme(ABC):
         return 0.0
 
     def skip(self) -> None:  # noqa: B027  most schemes keep no rates
-        """Forget rates of what is measured: more time has gone by than the next tick is told."""
+        """Forget what rates are taken of: the next tick comes later than its dt says."""
 
     @property
     def stop_time(self) -> float:

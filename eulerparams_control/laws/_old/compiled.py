@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 class NotCompiledError(Exception):
     """Of this room."""
 
+
 Array = NDArray[np.float64]
 
 _IS_PLAIN = bool(os.environ.get("EULERPARAMS_PLAIN"))
