@@ -10,8 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
+from representations import every_representation, make
+from samples import all_rotations
 from std_msgs.msg import String
 from synthetic_runs import DISTANCE, PERIOD_NS, URDF, all_numbers, recorded, rewritten, write_run
+from tolerances import ALGEBRAIC
 
 from eulerparams_control.analysis.charts import axis
 from eulerparams_control.analysis.decimation import decimate
@@ -22,6 +25,7 @@ from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.quantities import measure
 from eulerparams_control.analysis.recording import Recording, lyapunov_series
 from eulerparams_control.analysis.series import Frames, Series
+from eulerparams_control.analysis.stacks import displacements, errors, quaternions
 from eulerparams_control.bags import BagWriter
 from eulerparams_control.bags.format import Topic
 from eulerparams_control.bags.reader import RawMessage
@@ -403,3 +407,14 @@ def test_an_axis_is_logarithmic_if_runs_differ_by_powers_of_ten(values, options,
     ends = (math.log10(end) if shown.logarithmic else end for end in shown[1:3])
     for end, (least, most) in zip(ends, (low, high), strict=True):
         assert least <= end <= most
+
+
+# --- stacks ------------------------------------------------------------------------------------
+@every_representation
+def test_errors_in_stacks_are_those_of_the_displacements_one_after_the_other(name):
+    R_d, R_e = np.array(all_rotations()), np.array(all_rotations()[::-1])
+    before, *x_de = displacements(make(name), R_d, R_e)
+    Q_de = quaternions(x.Q_de for x in displacements(make("euler_parameters"), R_d, R_e))
+    found = errors(make(name), R_d[1:], R_e[1:], Q_de[1:], before)
+    np.testing.assert_allclose(found, [x.error for x in x_de], rtol=ALGEBRAIC, atol=ALGEBRAIC)
+    assert errors(make(name), R_d[:0], R_e[:0], Q_de[:0]).shape == (0, 3)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from eulerparams_control.analysis.series import Frames
 from eulerparams_control.analysis.stacks import quaternions, rotation_vectors
 from eulerparams_control.laws.impedance_matrices import Impedance
-from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.rotations import Array, quaternion
 from eulerparams_control.motion.frames import AT_ORIGIN, Placement
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 
@@ -209,7 +209,7 @@ class CompliantMotion:
     @cached_property
     def Q_cd(self) -> Array:
         """(N, 4) eta_cd, eps_cd_d of R_cd, with eta_cd >= 0, eq. (64)."""
-        return quaternions(self.R_cd)
+        return quaternions(map(quaternion, self.R_cd))
 
     @cached_property
     def x(self) -> Array:

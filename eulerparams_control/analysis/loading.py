@@ -230,7 +230,8 @@ class _Reader:
                 R_d, R_e = desired.R[some], self._arm.robot.states(q[some], dq[some]).R_e
                 for name in OrientationRepresentation.registry:
                     orientation = representation(name, self._arm.orientation)
-                    before[name] = displacements(orientation, R_d, R_e, before.get(name))[-1]
+                    for x_de in displacements(orientation, R_d, R_e, before.get(name)):
+                        before[name] = x_de
         return before
 
     def _reports(self) -> RunReports:

@@ -29,7 +29,7 @@ from eulerparams_control.analysis.compliant import (
 from eulerparams_control.analysis.controllers import options_of, parameters_to_blame, recorded
 from eulerparams_control.analysis.reports import Report
 from eulerparams_control.analysis.series import Efforts, Series, ShapedMotion
-from eulerparams_control.analysis.stacks import displacements, over
+from eulerparams_control.analysis.stacks import displacements, errors, over, quaternions
 from eulerparams_control.bags.format import BagWarning, in_words
 from eulerparams_control.errors import BagError, RobotError
 from eulerparams_control.laws.force_control import ForceOptions
@@ -40,6 +40,7 @@ from eulerparams_control.laws.orientation import (
     representation,
 )
 from eulerparams_control.laws.orientation.base import Lyapunov
+from eulerparams_control.laws.orientation.euler_parameters import EulerParametersRepresentation
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.parameters.clik import ClikParameters
 from eulerparams_control.parameters.common import ControlParameters
@@ -246,15 +247,22 @@ class Recording(RecordedRun):
 
     def error_in(self, name: str) -> Array:
         """Return the orientation error (M, 3) in a representation at the instants ``known``."""
-        x_de = self.displacements(self.orientation(name))
-        return over(lambda x: x.error, x_de, shape=(3,))
-
-    def displacements(self, orientation: OrientationRepresentation) -> list[Any]:
-        """Return x_de of a representation at the M instants ``known``."""
-        leading, known = self.leading, self.known
-        R_d, R_e = leading.desired.R[known], leading.R_e[known]
+        R_d, R_e = self.known_rotations
         with np.errstate(over="ignore", invalid="ignore"):  # a run that diverged
-            return displacements(orientation, R_d, R_e, self.before.get(orientation.name))
+            return errors(self.orientation(name), R_d, R_e, self._Q_de, self.before.get(name))
+
+    @cached_property
+    def _Q_de(self) -> Array:
+        """(M, 4) eta_de, eps_de_e with the signs of the controller."""
+        name = EulerParametersRepresentation.name
+        law, before = self.orientation(name), self.before.get(name)
+        with np.errstate(over="ignore", invalid="ignore"):  # a run that diverged
+            return quaternions(x.Q_de for x in displacements(law, *self.known_rotations, before))
+
+    @property
+    def known_rotations(self) -> tuple[Array, Array]:
+        """R_d, R_e (M, 3, 3) at the instants ``known``."""
+        return self.leading.desired.R[self.known], self.leading.R_e[self.known]
 
     @cached_property
     def lyapunov(self) -> LyapunovSeries | None:
@@ -320,7 +328,7 @@ def _along(recording: Recording, told: ControlParameters) -> tuple[Array, Lyapun
     series, known = recording.leading, recording.known
     _require_two(series.t[known])
     law = recording.orientation(told.orientation)
-    x_de = recording.displacements(law)
+    x_de = displacements(law, *recording.known_rotations, recording.before.get(law.name))
     omega_de = series.desired.omega[known] - series.omega_e[known]
     match told:
         case ClikParameters():
