@@ -8,19 +8,19 @@ from arms import HOME, UR5
 from arms import pose_of as tip_pose
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Transform, Twist, Vector3
-from representations import make
 from samples import about, generator
 from test_shaper import LIMITS, Motion, assert_within
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.errors import InvalidMessageError
-from eulerparams_control.laws.clik import Clik, ClikLaw
+from eulerparams_control.laws.clik import Clik
 from eulerparams_control.laws.rotations import angle_between, exp, log
 from eulerparams_control.messages.from_ros import motion_from_ros
 from eulerparams_control.messages.to_ros import duration_to_ros, quaternion_to_ros, vector_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.spline import Poses
+from eulerparams_control.parameters.clik import ClikParameters
 
 RATE = 500
 X, Y, Z = np.eye(3)
@@ -61,10 +61,8 @@ class Arm:
     """A controller on an arm that goes where it is told."""
 
     def __init__(self, limits=LIMITS, rate=RATE, **options):
-        law = ClikLaw(make("euler_parameters", "XYZ", "hysteretic"), 100.0, 100.0)
-        self.controller = Controller(
-            Clik(UR5, law), ControllerOptions(motion=limits, **options), HOME
-        )
+        law = Clik(UR5, ClikParameters(quaternion_sign="hysteretic", enforce_limits=False))
+        self.controller = Controller(law, ControllerOptions(motion=limits, **options), HOME)
         self.q, self.dq, self.k, self.rate = HOME, np.zeros(UR5.n), 0, rate
         self.desired = []
 
@@ -88,7 +86,7 @@ class Arm:
             command = self.controller.step(round(self.t * 1e9), self.q, self.dq)
             self.q, self.dq = command.q, command.dq
             frame = self.controller.guidance.tick_now.desired
-            self.desired.append(DesiredFrame.of(frame.row))
+            self.desired.append(frame)
             self.k += 1
         return self
 

@@ -47,13 +47,13 @@ CHECKED = ControllerOptions(check_states=True)
 
 
 # --- the guard ----------------------------------------------------------------------------
-@pytest.mark.parametrize("field", ["q", "dq", "effort", "frame_row"])
+@pytest.mark.parametrize("field", ["q", "dq", "effort", "frame"])
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("limits", [LIMITS, None])
 def test_a_command_that_is_not_finite_is_refused_whether_limits_are_on_or_not(field, bad, limits):
     value, text = np.array([0.0, bad, 0.0]), f"non-finite {field}"
-    if field == "frame_row":
-        value, text = DesiredFrame(value, np.eye(3)).row, "compliant frame"
+    if field == "frame":
+        value, text = DesiredFrame(value, np.eye(3)), "compliant frame"
     with pytest.raises(UnsafeCommandError, match=text):
         CommandLimiter(limits)(JointCommand(**{field: value}), ZERO, DT)
 

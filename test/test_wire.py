@@ -182,9 +182,7 @@ def test_rclpy_reads_the_compliant_frames_that_are_written(stamps, base, tip, ve
     publisher = ComplianceCommands(sent, base, tip, None)
     for (sec, nanosec), R, row in zip(stamps, uniform(2), vectors, strict=True):
         frame = DesiredFrame(row[0], R, *row[1:])
-        publisher.publish(
-            SimpleNamespace(sec=sec, nanosec=nanosec), JointCommand(frame_row=frame.row)
-        )
+        publisher.publish(SimpleNamespace(sec=sec, nanosec=nanosec), JointCommand(frame=frame))
         msg = motion_to_ros(Trajectory([0.0], [frame]), base, tip)
         msg.header.stamp.sec, msg.header.stamp.nanosec = sec, nanosec
         assert sent[-1] == msg
