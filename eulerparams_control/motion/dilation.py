@@ -212,7 +212,7 @@ def within(trajectory: Trajectory, limits: MotionLimits) -> Trajectory | Dilated
         return trajectory
     if trajectory.duration - trajectory.times[0] < _SHORTEST:
         return within(trajectory.lasting(_SHORTEST), limits)
-    places, most = _Places(trajectory), limits.by_derivative
+    places, most = _Places(trajectory), limits.by_derivative.copy()
     tau, fine, used = places.even, places.tau, places.used(most)
     if used.max() <= 1 + _ROUNDING:
         return trajectory

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -79,7 +80,7 @@ class MotionLimits:
         """Of the point and of the turning."""
         return self.linear_jerk, self.angular_jerk
 
-    @property
+    @cached_property
     def by_derivative(self) -> Array:
         """(3, 2) speeds, accelerations, jerks."""
         return np.array((self.speeds, self.accelerations, self.jerks), dtype=float)

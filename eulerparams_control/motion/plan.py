@@ -43,11 +43,9 @@ _LEAST, _ACROSS = 0.01, 0.15
 # it takes longer, by this factor at least, within this number of trials.
 _PLACES, _TOLERANCE, _LONGER, _TRIALS = 24, 0.01, 1.1, 8
 
-# Of the acceleration a plan takes this part: a law of finite rate adds to it where it changes.
-_OF_ACCELERATION = 0.97
-
-# A limit that is infinite, for a library that wants numbers.
-_MOST = 1e6
+# Of the acceleration a plan takes this part: a law of finite rate adds to it where it changes.  A
+# limit that is infinite, for a library that wants numbers.
+_OF_ACCELERATION, _MOST = 0.97, 1e6
 
 # Least factor between the times after which a motion is joined, and the largest number of trials.
 _LATER, _JOINS = 1.25, 30
@@ -85,11 +83,10 @@ def _along(p: Array, R: Array, A: Array, B: Array, state: Array) -> tuple[Array,
         A, B: (3, 3) whose columns are the axes of the position, and of the rotation vector x.
         state: (3, 6) on these axes: both, their rates, their accelerations.
     """
-    R, omega, domega = turned(
-        R, turn(B, state[0, 3:]), turn(B, state[1, 3:]), turn(B, state[2, 3:])
-    )
-    dp, ddp = turn(A, state[1, :3]), turn(A, state[2, :3])
-    return p + turn(A, state[0, :3]), R, dp, omega, ddp, domega
+    way, dp, ddp = turn(A, state[0, :3]), turn(A, state[1, :3]), turn(A, state[2, :3])
+    x, dx, ddx = turn(B, state[0, 3:]), turn(B, state[1, 3:]), turn(B, state[2, 3:])
+    R, omega, domega = turned(R, x, dx, ddx)
+    return p + way, R, dp, omega, ddp, domega
 
 
 def reach(start: DesiredFrame, end: DesiredFrame, limits: MotionLimits, least: float = 0.0) -> Plan:
@@ -209,7 +206,7 @@ def _planned(
     x, dx, ddx = rotation_vector_at_end(R, end.R_d, end.omega_d, end.domega_d)
     omega, domega = turn_back(R, start.omega_d), turn_back(R, start.domega_d)  # J_r is 1 there
     A, B = _axes(way, start.dp_d, end.dp_d, by_velocity), _axes(x, omega, dx, by_velocity)
-    most_p, most_x = np.array(limits.by_derivative).T
+    most_p, most_x = limits.by_derivative.T
     p_half, p_is_straight = _half(A, start.dp_d, start.ddp_d, way, end.dp_d, end.ddp_d, most_p)
     x_half, x_is_straight = _half(B, omega, domega, x, dx, ddx, most_x)
     asked = InputParameter(6)
@@ -261,8 +258,8 @@ def _excess(profile: Profile, limits: MotionLimits) -> float:
     """
     times = np.linspace(0.0, profile.duration, _PLACES).tolist()
     norms = _rates(np.array([profile.at_time(t) for t in times]))
-    most = np.array((*limits.speeds, *limits.accelerations))
-    return float((norms / np.maximum(most, norms[0])).max())
+    most = np.maximum(limits.by_derivative[:2].ravel(), norms[0])
+    return float((norms / most).max())
 
 
 @jit(new_matrix(types.Array(f8, 3, "A", readonly=True)))
