@@ -219,7 +219,7 @@ def _planned(
         asked.max_velocity,
         asked.max_acceleration,
         asked.max_jerk,
-    ) = np.hstack((p_half, x_half)).tolist()
+    ) = np.concatenate((p_half, x_half), axis=1).tolist()
     asked.current_position = [0.0] * 6
     asked.control_interface = interface
     profile, T = Profile(6), least
