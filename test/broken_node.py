@@ -3,9 +3,9 @@
 import sys
 from typing import Any
 
+from eulerparams_control.laws._old.frames import frame_of_row
 from eulerparams_control.laws.clik import Clik
 from eulerparams_control.laws.dynamic_control import DynamicControl
-from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.ros import clik_node, dynamic_control_node, ending, runtime
 
 NODES = {
@@ -32,7 +32,7 @@ def main() -> int:
     moved = []
 
     def noticing_step(self: Any, dt: float, q: Any, dq: Any, desired: Any) -> Any:
-        dp_d = DesiredFrame.of(desired).dp_d
+        dp_d = frame_of_row(desired).dp_d
         moved.extend([True] * bool(dp_d @ dp_d > MOVES**2))
         return step(self, dt, q, dq, desired)
 

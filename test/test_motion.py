@@ -85,6 +85,14 @@ def test_a_trajectory_rests_before_its_first_and_after_its_last_frame():
         assert_same_frame(trajectory.sample(t), DesiredFrame(frame.p_d, frame.R_d), 0)
 
 
+def test_samples_are_those_that_are_taken_one_by_one():
+    trajectory = trajectory_turning(1.5)
+    t = np.array([-1.0, 0.0, 0.3, 0.8, 1.7, 2.0, 2.5])
+    stack = trajectory.samples(t)
+    for n, at in enumerate(t):
+        assert_same_frame(trajectory.sample(at), [part[n] for part in stack], 0)
+
+
 def test_a_trajectory_that_begins_later_starts_with_the_frame_given():
     trajectory = Trajectory(
         [0.5, 2.0], [moving_frame(R, i) for i, R in enumerate(samples.uniform(2))]

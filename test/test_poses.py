@@ -83,7 +83,7 @@ class Arm:
             command = self.controller.step(round(self.t * 1e9), self.q, self.dq)
             self.q, self.dq = command.q, command.dq
             frame = self.controller.guidance.tick_now.desired
-            self.desired.append(DesiredFrame.of(frame.row))
+            self.desired.append(frame)
             self.k += 1
         return self
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from eulerparams_control.analysis.stacks import angles_between
 from eulerparams_control.laws.inverse import sigma_min
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.motion import frames as formulas
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement
+from eulerparams_control.motion.frames import moved as frame_moved
 from eulerparams_control.robot.robot import Robot, RobotState
 
 
@@ -86,7 +86,7 @@ class Frames:
         """Return what these frames carry rigidly at ``point``: see ``DesiredFrame.carrying``."""
         if point is AT_ORIGIN:
             return self
-        return Frames(*formulas.carried(DesiredFrame(*self.columns), point))
+        return Frames.of([self.frame(k).carrying(point) for k in range(len(self))])
 
 
 def moved(frames: Frames, dt: Array, lasting: float) -> Frames:
@@ -94,9 +94,11 @@ def moved(frames: Frames, dt: Array, lasting: float) -> Frames:
 
     They go on at their acceleration for ``lasting`` [s], and are held then.
     """
-    end = formulas.moved(DesiredFrame(*frames.columns), np.clip(dt, 0.0, lasting))
+    times = np.clip(dt, 0.0, lasting).tolist()
+    ends = [DesiredFrame(*frame_moved(*frames.frame(k), t)) for k, t in enumerate(times)]
+    p, R, *rates = Frames.of(ends).columns
     held = (dt > lasting)[:, None]
-    return Frames(end.p_d, end.R_d, *(np.where(held, 0.0, rate) for rate in end[2:]))
+    return Frames(p, R, *(np.where(held, 0.0, rate) for rate in rates))
 
 
 # A motion that is nowhere farther [m], [rad] from what was asked, nor slower, is as it was asked.

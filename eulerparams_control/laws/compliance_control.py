@@ -61,6 +61,7 @@ from eulerparams_control.laws._old.dynamic_control import (
     DynamicControl,
     is_bounded,
 )
+from eulerparams_control.laws._old.frames import Frame, TipLimits, read_frame
 from eulerparams_control.laws._old.inverse_dynamics import (
     INFINITE,
     NUMBERS,
@@ -94,8 +95,7 @@ from eulerparams_control.laws.compliant_frame import TRANSLATIONAL_FRAMES
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.inverse import solve_rows, symmetric_modes
 from eulerparams_control.laws.scheme import JointCommand, LoopGain, Tick
-from eulerparams_control.motion.frames import DesiredFrame, read_frame
-from eulerparams_control.motion.motion_limits import TipLimits
+from eulerparams_control.motion.frames import DesiredFrame
 
 BLEND_TIME = 0.005
 """Time constant [s] with which a stretched arm goes over to other springs: what is left of those of
@@ -216,7 +216,7 @@ def _clipped(energy: float, clip: float) -> float:
     return clip * s - clip * clip / 2.0 if s > clip else energy
 
 
-def _law(tip: TipState, desired: DesiredFrame, numbers: _Numbers, part: float) -> Pull:
+def _law(tip: TipState, desired: Frame, numbers: _Numbers, part: float) -> Pull:
     """Return what the springs do, clipped at this part of where that is stated."""
     A = identity(1.0) if numbers.in_base else desired.R_d
     f = A @ (numbers.K_p @ (A.T @ (desired.p_d - tip.p_e)))
@@ -233,7 +233,7 @@ def _pull(p_e: Input, R_e: Inputs, p_d: Input, R_d: Inputs, numbers: Input, row:
     """Fill the row of a :class:`Pull`."""
     still = Vec(0.0, 0.0, 0.0)
     tip = TipState(vec(p_e), mat(R_e), Motion(still, still, still, still))
-    desired = DesiredFrame(vec(p_d), mat(R_d), still, still, still, still)
+    desired = Frame(vec(p_d), mat(R_d), still, still, still, still)
     _put_pull(row, 0, law(tip, desired, _numbers(numbers, 0), 1.0))
     return 0
 
@@ -514,7 +514,7 @@ def _bounded(
 @kernel
 def _drive(
     J: Inputs, M: Rows, pull: Pull, numbers: _Numbers, part: float, tip: TipState,
-    desired: DesiredFrame, force: Input, most: TipLimits, is_limited: bool, rate: Input, dt: float,
+    desired: Frame, force: Input, most: TipLimits, is_limited: bool, rate: Input, dt: float,
     w: Row,
 ) -> _Drive:  # fmt: skip
     """Fill w (6,) with the wrench on the tip: springs, dampers, and a force (3,) in its axes."""

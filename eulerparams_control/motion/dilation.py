@@ -9,20 +9,15 @@ trajectory: the least of its surroundings, averaged, so that it changes slowly.
 """
 
 import math
-from dataclasses import replace
-from typing import NamedTuple
+from bisect import bisect_right
 
 import numpy as np
 
-from eulerparams_control.laws._old.compiled import Array, Row, Rows, entry
-from eulerparams_control.motion.frames import DesiredFrame, at_pace, put_frame
+from eulerparams_control.laws.jit import Array
+from eulerparams_control.laws.rotations import norm
+from eulerparams_control.motion.frames import DesiredFrame, stacked
 from eulerparams_control.motion.motion_limits import MotionLimits
-from eulerparams_control.motion.trajectories import (
-    Trajectory,
-    polynomial,
-    quintic,
-    sampled,
-)
+from eulerparams_control.motion.trajectories import Trajectory, polynomial, quintic
 
 # A trajectory is checked at its points, between them, and at a number of places a second; the
 # smallest and the largest number of places.
@@ -32,23 +27,15 @@ _RATE, _FEWEST, _MOST = 200.0, 60, 4000
 # and the fourth.  Where there are many points their distance is short, and the middle will do.
 _PARTS, _MANY = (0.02, 0.2, 0.5, 0.8, 0.98), 2000
 
-# No part of a limit.
-_TINY = 1e-12
-
-# Rounding, and how far [of the limits] a slowed trajectory may be from its limits.
-_ROUNDING, _TOLERANCE, _TRIALS = 1e-6, 0.01, 12
+# No part of a limit; rounding; how far [of the limits] a slowed trajectory may be from them.
+_TINY, _ROUNDING, _TOLERANCE, _TRIALS = 1e-12, 1e-6, 0.01, 12
 
 # Part of the jerk that it gets: between the places it is larger than the differences say.
 _OF_JERK = 0.95
 
-# Number of places at which a ramp is checked.
-_PLACES = 33
-
-# Shortest trajectory [s]; a shorter one is stretched to it first.
-_SHORTEST = 1e-3
-
-# The slowest rate.
-_SLOWEST = 1e-3
+# Places at which a ramp is checked; the shortest trajectory [s], to which a shorter one is
+# stretched first; the slowest rate.
+_PLACES, _SHORTEST, _SLOWEST = 33, 1e-3, 1e-3
 
 # The rate changes with this part of the acceleration; in each further trial it does so by a factor
 # milder.
@@ -70,31 +57,26 @@ class Dilated:
         # of dtau / s, to the fourth order: else the acceleration ripples
         steps = step / 2 * (1 / s[1:] + 1 / s[:-1]) + step**2 / 12 * np.diff(rates / s**3)
         times = np.concatenate(([0.0], np.cumsum(steps)))
-        self._times, self._rows = times, np.column_stack((tau, s, rates))
-        self.duration = float(times[-1])
+        self.duration, self._times, self._tau = float(times[-1]), times.tolist(), tau
+        self._end = float(tau[-1]), float(s[-1]), float(rates[-1])
+        columns = np.stack((tau, s, rates))[..., None]
+        T = np.diff(times)[:, None]
+        self._coefficients = quintic(columns[:, :-1], columns[:, 1:], T)
 
     def time_at(self, tau: float) -> float:
         """Return the time [s] at which the trajectory is as it was asked to be at tau [s]."""
-        return float(np.interp(tau, self._rows[:, 0], self._times))
+        return float(np.interp(tau, self._tau, self._times))
 
     def sample(self, t: float) -> DesiredFrame:
         """Return the desired frame at t [s]."""
         if t >= self.duration:
-            tau, s, ds = self._rows[-1].tolist()
+            tau, s, ds = self._end
             end = self.trajectory.sample(tau)
             return end.at_rest() if t > self.duration else end.at_pace(s, ds)
-        row = np.empty(24)
-        _sample(self._times, self._rows, *self.trajectory.segments, t, row)
-        return DesiredFrame.of(row)
-
-
-@entry
-def _sample(times: Row, rows: Rows, points: Row, segments: Rows, t: float, row: Row) -> None:
-    k = max(int(np.searchsorted(times, t, side="right")) - 1, 0)
-    (x_0, v_0, a_0), (x_1, v_1, a_1) = rows[k], rows[k + 1]
-    c = quintic(x_0, v_0, a_0, x_1, v_1, a_1, times[k + 1] - times[k])
-    tau, s, ds = polynomial(c, max(t - times[k], 0.0))
-    put_frame(row, 0, at_pace(sampled(points, segments, tau), s, ds))
+        k = max(bisect_right(self._times, t) - 1, 0)
+        values = polynomial(self._coefficients[k], max(t - self._times[k], 0.0))
+        tau, s, ds = (value.item() for value in values)
+        return self.trajectory.sample(tau).at_pace(s, ds)
 
 
 class Ramped:
@@ -162,10 +144,8 @@ def ramped(
 def _shortest_ramp(frame: DesiredFrame, length: float, limits: MotionLimits) -> float:
     """Return the time [s] of a ramp to the speed of a frame, in a motion of a length [s]."""
     T = 0.0
-    for v, a, j in zip(
-        (frame.dp_d, frame.omega_d), limits.accelerations, limits.jerks, strict=True
-    ):
-        speed = math.sqrt(v @ v)
+    speeds = norm(frame.dp_d), norm(frame.omega_d)
+    for speed, a, j in zip(speeds, limits.accelerations, limits.jerks, strict=True):
         T = max(T, min(1.5 * speed / a, math.sqrt(1.5 * speed * length / a)))
         T = max(T, min(math.sqrt(6 * speed / j), (6 * speed * length / j) ** (1 / 3)))
     return T
@@ -176,51 +156,54 @@ def _longer(motion: Ramped, begin: float, T: float, limits: MotionLimits) -> flo
     if T == 0.0:
         return 0.0
     times = np.linspace(begin, begin + T, _PLACES)
-    rates = np.array([motion.sample(t).row[18:] for t in times.tolist()]).reshape(-1, 2, 3)
-    a = np.linalg.norm(rates, axis=2) / limits.accelerations
-    j = np.linalg.norm(np.diff(rates, axis=0), axis=2) / (T / (_PLACES - 1)) / limits.jerks
+    frames = stacked(motion.sample(t) for t in times.tolist())
+    accelerations = np.stack((frames.ddp_d, frames.domega_d), axis=1)
+    a = np.linalg.norm(accelerations, axis=2) / limits.accelerations
+    j = np.linalg.norm(np.diff(accelerations, axis=0), axis=2) / (T / (_PLACES - 1)) / limits.jerks
     return max(float(a.max()), math.sqrt(float(j.max())))
 
 
-class _Places(NamedTuple):
-    """What a trajectory needs of its limits, place by place.
+class _Places:
+    """Where a trajectory is compared with its limits.
 
     Attributes:
-        tau: (K,) [s] places at even distances, at which the rate of its time is chosen.
-        fine: (M,) [s] all places.
+        even: (K,) [s] places at even distances, at which the rate of its time is chosen.
+        tau: (M,) [s] all places.
         rates, accelerations: (2, M, 3) of the point and of the turning.
-        used: (3, M) how much of its speed, acceleration, jerk it takes.
     """
 
-    tau: Array
-    fine: Array
-    rates: Array
-    accelerations: Array
-    used: Array
+    def __init__(self, trajectory: Trajectory) -> None:
+        points = np.array(trajectory.times)
+        begin, end = points[0], points[-1]
+        count = int(min(max((end - begin) * _RATE, _FEWEST), _MOST))
+        self.even = np.linspace(begin, end, count + 1)
+        parts = _PARTS if len(points) < _MANY else (0.5,)
+        between = (points[:-1] + np.diff(points) * part for part in parts)
+        tau = np.unique(np.round(np.concatenate((self.even, points, *between)), 9))
+        self.tau = np.clip(tau, begin, end)
+        frames = trajectory.samples(self.tau)
+        self.rates = np.stack((frames.dp_d, frames.omega_d))
+        self.accelerations = np.stack((frames.ddp_d, frames.domega_d))
 
+    def used(self, most: Array, s: Array | float = 1.0, ds: Array | float = 0.0) -> Array:
+        """Return the parts (3, M) of speeds, accelerations, jerks, at a rate of time.
 
-def _places(trajectory: Trajectory, limits: MotionLimits) -> _Places:
-    begin, end = trajectory.times[0], trajectory.times[-1]
-    count = int(min(max((end - begin) * _RATE, _FEWEST), _MOST))
-    tau, points = np.linspace(begin, end, count + 1), np.array(trajectory.times)
-    parts = _PARTS if len(points) < _MANY else (0.5,)
-    between = (points[:-1] + np.diff(points) * part for part in parts)
-    fine = np.unique(np.round(np.concatenate((tau, points, *between)), 9))
-    fine = np.clip(fine, begin, end)
-    frames = trajectory.samples(fine)
-    rates = np.stack((frames.dp_d, frames.omega_d))
-    accelerations = np.stack((frames.ddp_d, frames.domega_d))
-    steady = np.ones(len(fine)), np.zeros(len(fine))
-    return _Places(
-        tau, fine, rates, accelerations, _used(fine, *steady, rates, accelerations, limits)
-    )
+        Args:
+            most: (3, 2) limits of these, of the point and of the turning; the larger part counts.
+            s, ds: (M,) the rate, [1/s] its change in time.
+        """
+        s, ds = (np.broadcast_to(x, self.tau.shape)[:, None] for x in (s, ds))
+        a = s**2 * self.accelerations + ds * self.rates
+        j = s * np.gradient(a, self.tau, axis=1)
+        norms = np.linalg.norm((s * self.rates, a, j), axis=3)
+        return np.maximum((norms / most[..., None]).max(axis=1), _TINY)
 
 
 def is_within(trajectory: Trajectory, limits: MotionLimits) -> bool:
     """Return whether a trajectory is within the limits."""
     if trajectory.duration - trajectory.times[0] < _SHORTEST:
         return len(trajectory.times) == 1
-    return bool(_places(trajectory, limits).used.max() <= 1 + _ROUNDING)
+    return bool(_Places(trajectory).used(limits.by_derivative).max() <= 1 + _ROUNDING)
 
 
 def within(trajectory: Trajectory, limits: MotionLimits) -> Trajectory | Dilated:
@@ -229,22 +212,18 @@ def within(trajectory: Trajectory, limits: MotionLimits) -> Trajectory | Dilated
         return trajectory
     if trajectory.duration - trajectory.times[0] < _SHORTEST:
         return within(trajectory.lasting(_SHORTEST), limits)
-    tau, fine, rates, accelerations, used = _places(trajectory, limits)
+    places, most = _Places(trajectory), limits.by_derivative.copy()
+    tau, fine, used = places.even, places.tau, places.used(most)
     if used.max() <= 1 + _ROUNDING:
         return trajectory
     powers_of_s = np.array([1.0, 2.0, 3.0])[:, None]
     borne = np.clip((used ** (-1 / powers_of_s)).min(axis=0), _SLOWEST, 1.0)
     place = np.searchsorted(tau, fine, side="right") - 1
     beside = place, np.minimum(place + 1, len(tau) - 1)
-    most_a, most_j = np.array(limits.accelerations), np.array(limits.jerks)
-    speeds = (np.linalg.norm(rates, axis=2) / most_a[:, None]).max(axis=0)
-    share, wide = _OF_ACCELERATION / np.maximum(speeds, _TINY), float((most_a / most_j).max())
+    speeds = (np.linalg.norm(places.rates, axis=2) / most[1][:, None]).max(axis=0)
+    share, wide = _OF_ACCELERATION / np.maximum(speeds, _TINY), float((most[1] / most[2]).max())
     step = float(tau[1] - tau[0])
-    aim = replace(
-        limits,
-        linear_jerk=_OF_JERK * limits.linear_jerk,
-        angular_jerk=_OF_JERK * limits.angular_jerk,
-    )
+    most[2] *= _OF_JERK
     for _ in range(_TRIALS):
         s, change = np.ones(len(tau)), np.full(len(tau), np.inf)
         for neighbour in beside:
@@ -252,33 +231,12 @@ def within(trajectory: Trajectory, limits: MotionLimits) -> Trajectory | Dilated
             np.minimum.at(change, neighbour, share)
         s = _smooth(s, change * step, min(max(int(wide / step), 1), len(tau) - 1))
         at_fine = np.interp(fine, tau, s), np.interp(fine, tau, s * np.gradient(s, tau))
-        excess = _used(fine, *at_fine, rates, accelerations, aim)
+        excess = places.used(most, *at_fine)
         if excess.max() <= 1 + _TOLERANCE:
             break
         slower = (np.maximum(excess, 1.0) ** (-1 / powers_of_s)).min(axis=0)
         borne, share, wide = np.minimum(borne, at_fine[0] * slower), _MILDER * share, wide / _MILDER
     return Dilated(trajectory, tau, s)
-
-
-def _used(
-    tau: Array, s: Array, ds: Array, rates: Array, accelerations: Array, limits: MotionLimits
-) -> Array:
-    """Return how much of its limits a trajectory takes at a rate s (M,) of its time.
-
-    Args:
-        tau: (M,) [s].
-        s, ds: (M,), [1/s] its change in time.
-        rates, accelerations: (2, M, 3) of the point and of the turning, in tau.
-        limits: of the tip.
-
-    Returns:
-        (3, M) the larger part of the two, of speeds, accelerations, jerks.
-    """
-    v = s[:, None] * rates
-    a = s[:, None] ** 2 * accelerations + ds[:, None] * rates
-    j = s[:, None] * np.gradient(a, tau, axis=1)
-    norms = np.array([np.linalg.norm(one, axis=2) for one in (v, a, j)])
-    return np.maximum((norms / limits.row.reshape(3, 2, 1)).max(axis=1), _TINY)
 
 
 def _smooth(s: Array, change: Array, half: int) -> Array:

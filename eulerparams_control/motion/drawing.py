@@ -4,19 +4,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws._old.compiled import Array
+from eulerparams_control.laws.jit import Array
 
 # Semi-axes along which there is no stiffness are drawn this thin, of the longest.
 _THIN = 0.02
 
 
 class Ellipsoid(NamedTuple):
-    """An ellipsoid about the origin of the frame of its matrix.
-
-    Attributes:
-        R: (3, 3) rotation whose columns are the principal axes.
-        radii: (3,) [m] semi-axes along them.
-    """
+    """Semi-axes (3,) [m] along the columns of R (3, 3), about the origin of its frame."""
 
     R: Array
     radii: Array

@@ -3,15 +3,13 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from operator import le
 
-from eulerparams_control.laws._old.compiled import formula
-from eulerparams_control.laws._old.linear import Vec, norm
-from eulerparams_control.laws._old.rotations import log
+from eulerparams_control.laws.jit import Array, b1, f8, jit, vector
+from eulerparams_control.laws.rotations import log, norm
 from eulerparams_control.motion.frames import DesiredFrame, apart
-from eulerparams_control.motion.motion_limits import MotionLimits, TipLimits
-from eulerparams_control.motion.plan import Sample, bounded
-
-__all__ = ["bounded"]
+from eulerparams_control.motion.motion_limits import MotionLimits
+from eulerparams_control.motion.plan import Sample
 
 # Largest differences of two frames that are the same [m, rad], as fast [m/s, rad/s], and as
 # accelerated [m/s^2, rad/s^2].
@@ -50,49 +48,36 @@ def resting(frame: DesiredFrame) -> Leg:
 
 def is_there(here: DesiredFrame, there: DesiredFrame) -> bool:
     """Return whether two frames are the same, and as fast."""
-    return _within(here, there, _SAME[:4])
+    return all(map(le, apart(here, there), _SAME[:4]))
 
 
 def is_alike(here: DesiredFrame, there: DesiredFrame) -> bool:
     """Return whether two frames are the same, as fast, and as accelerated."""
-    return _within(here, there, _SAME)
-
-
-def _within(here: DesiredFrame, there: DesiredFrame, bounds: tuple[float, ...]) -> bool:
-    ways = apart.row(*here, *there).tolist()
-    return all(way <= most for way, most in zip(ways, bounds, strict=False))
+    return all(map(le, apart(here, there), _SAME))
 
 
 def passes(before: DesiredFrame, frame: DesiredFrame, dt: float, limits: MotionLimits) -> bool:
     """Return whether the limits allow a frame dt [s] after the one before."""
-    return dt > 0 and bool(are_near.row(*before, *frame, dt, limits.row)[0])
+    if not dt > 0:
+        return False
+    p, R, v_0, w_0, a_0, dw_0 = before
+    p_d, R_d, v, w, a, dw = frame
+    most_p, most_x = limits.by_derivative.T
+    is_near = _is_near(p_d - p, v_0, v, a_0, a, dt, most_p)
+    return is_near and _is_near(log(R_d @ R.T), w_0, w, dw_0, dw, dt, most_x)
 
 
-@formula
-def are_near(a: DesiredFrame, b: DesiredFrame, dt: float, most: TipLimits) -> bool:
-    """Return whether limits allow a frame dt [s] after the one before."""
-    return _is_near(
-        b.p_d - a.p_d, a.dp_d, b.dp_d, a.ddp_d, b.ddp_d,
-        dt, most.linear_speed, most.linear_acceleration, most.linear_jerk,
-    ) and _is_near(
-        log(b.R_d @ a.R_d.T), a.omega_d, b.omega_d, a.domega_d, b.domega_d,
-        dt, most.angular_speed, most.angular_acceleration, most.angular_jerk,
-    )  # fmt: skip
-
-
-@formula
+@jit(b1(vector, vector, vector, vector, vector, f8, vector))
 def _is_near(
-    way: Vec, v_0: Vec, v: Vec, a_0: Vec, a: Vec, dt: float, speed: float, most: float, jerk: float
+    way: Array, v_0: Array, v: Array, a_0: Array, a: Array, dt: float, most: Array
 ) -> bool:
-    half, most, jerk = dt / 2.0, _MARGIN * most, _MARGIN * jerk
+    """Return whether speed, acceleration and jerk (3,) allow a way (3,) in dt [s]."""
+    half, speed, acceleration, jerk = dt / 2.0, most[0], _MARGIN * most[1], _MARGIN * most[2]
     return (
         norm(v) <= speed
-        and norm(a) <= most
-        and norm(v - v_0) <= most * dt
+        and norm(a) <= acceleration
+        and norm(v - v_0) <= acceleration * dt
         and norm(a - a_0) <= jerk * dt
         and norm(v - v_0 - half * (a + a_0)) <= jerk * dt * dt
-        and norm(way - half * (v + v_0)) <= most * dt * half
+        and norm(way - half * (v + v_0)) <= acceleration * dt * half
     )
-
-
-are_near.prepare()

@@ -1,13 +1,12 @@
 """Limits of the motion of the tip: speed, acceleration and jerk, of its point and its turning."""
 
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws._old.compiled import Array, kernel, layout
+from eulerparams_control.laws.jit import Array, f8, jit
 
 
 @dataclass(frozen=True)
@@ -27,17 +26,12 @@ class MotionLimits:
     linear_jerk: float = math.inf
     angular_jerk: float = math.inf
 
-    @cached_property
-    def row(self) -> Array:
-        """All six in a row, in the order of the attributes."""
-        return np.array([*astuple(self)])
-
     def slowdown(self, other: "MotionLimits") -> float:
         """Return the rate of time at which a motion within other limits is within these."""
-        rows = (self.speeds, other.speeds), (self.accelerations, other.accelerations)
+        pairs = zip(self.by_derivative.tolist(), other.by_derivative.tolist(), strict=True)
         ratios = [
             (one / before) ** (1 / power)
-            for power, (now, then) in enumerate((*rows, (self.jerks, other.jerks)), start=1)
+            for power, (now, then) in enumerate(pairs, start=1)
             for one, before in zip(now, then, strict=True)
             if math.isfinite(one)
         ]
@@ -86,27 +80,15 @@ class MotionLimits:
         """Of the point and of the turning."""
         return self.linear_jerk, self.angular_jerk
 
-
-NO_LIMITS = MotionLimits()
-
-
-class TipLimits(NamedTuple):
-    """The same as values of formulas."""
-
-    linear_speed: float
-    angular_speed: float
-    linear_acceleration: float
-    angular_acceleration: float
-    linear_jerk: float
-    angular_jerk: float
+    @cached_property
+    def by_derivative(self) -> Array:
+        """(3, 2) speeds, accelerations, jerks."""
+        return np.array((self.speeds, self.accelerations, self.jerks), dtype=float)
 
 
-read_limits = layout(TipLimits).read
-
-UNBOUNDED = TipLimits(*NO_LIMITS.row.tolist())
-
-
-@kernel
+@jit(f8(f8, f8, f8, f8))
 def approach(e: float, k: float, speed: float, a: float) -> float:
     """Return how fast to go to what is e away; see :meth:`MotionLimits.approach`."""
-    return min(speed, math.sqrt(2.0 * a * e - a / k * (a / k))) if k * k * e > a else speed
+    if not k * k * e > a:
+        return speed
+    return min(speed, math.sqrt(2.0 * a * e - a / k * (a / k)))

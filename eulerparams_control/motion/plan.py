@@ -15,10 +15,20 @@ import numpy as np
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError
 from ruckig import Trajectory as Profile
 
-from eulerparams_control.laws._old.compiled import Array, formula
-from eulerparams_control.laws._old.linear import Mat, Vec, columns, cross, identity, norm
-from eulerparams_control.motion.frames import DesiredFrame
-from eulerparams_control.motion.motion_limits import MotionLimits, TipLimits
+from eulerparams_control.laws.jit import (
+    Array,
+    b1,
+    f8,
+    jit,
+    matrix,
+    new_matrix,
+    new_vector,
+    types,
+    vector,
+)
+from eulerparams_control.laws.rotations import body_rates, cross, norm, turn, turn_back
+from eulerparams_control.motion.frames import DesiredFrame, finite, six_arrays
+from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.trajectories import perpendicular, rotation_vector_at_end, turned
 
 Sample = Callable[[float], DesiredFrame]
@@ -33,11 +43,9 @@ _LEAST, _ACROSS = 0.01, 0.15
 # it takes longer, by this factor at least, within this number of trials.
 _PLACES, _TOLERANCE, _LONGER, _TRIALS = 24, 0.01, 1.1, 8
 
-# Of the acceleration a plan takes this part: a law of finite rate adds to it where it changes.
-_OF_ACCELERATION = 0.97
-
-# A limit that is infinite, for a library that wants numbers.
-_MOST = 1e6
+# Of the acceleration a plan takes this part: a law of finite rate adds to it where it changes.  A
+# limit that is infinite, for a library that wants numbers.
+_OF_ACCELERATION, _MOST = 0.97, 1e6
 
 # Least factor between the times after which a motion is joined, and the largest number of trials.
 _LATER, _JOINS = 1.25, 30
@@ -48,10 +56,6 @@ _CLOSER = 4
 # A way [m, rad] that is shorter, or a speed that is less [m/s, rad/s], has no direction.
 _NOWHERE = 1e-12
 
-# Of a half, (3,) each on its axes: velocity and acceleration now; position, velocity and
-# acceleration at the end; the largest speed, acceleration and jerk.
-_Half = tuple[Vec, Vec, Vec, Vec, Vec, Vec, Vec, Vec]
-
 
 class Plan:
     """A motion from one state of the tip to another; then it goes on as it ended.
@@ -60,33 +64,29 @@ class Plan:
         duration: [s].
     """
 
-    def __init__(self, start: DesiredFrame, axes: Array, profile: Profile) -> None:
-        self._begin, self._profile = np.concatenate((axes, *start[:2]), axis=None), profile
+    def __init__(self, start: DesiredFrame, A: Array, B: Array, profile: Profile) -> None:
+        self._begin, self._profile = (start.p_d, start.R_d, A, B), profile
         self.duration: float = profile.duration
 
     def sample(self, t: float) -> DesiredFrame:
         """Return the frame at t [s] after the start."""
-        return DesiredFrame.of(self.rows([max(t, 0.0)])[0])
-
-    def rows(self, times: list[float]) -> Array:
-        """Return the frames (N, 24) at N times [s] after the start."""
-        at = np.array([self._profile.at_time(t) for t in times]).reshape(-1, 18)
-        return along.rows(np.hstack((at, np.broadcast_to(self._begin, (len(times), 30)))))
+        state = np.array(self._profile.at_time(max(t, 0.0)))
+        return finite(DesiredFrame(*_along(*self._begin, state)))
 
 
-@formula
-def along(
-    value: tuple[Vec, Vec],
-    rate: tuple[Vec, Vec],
-    acceleration: tuple[Vec, Vec],
-    axes: tuple[Mat, Mat],
-    p: Vec,
-    R: Mat,
-) -> DesiredFrame:
-    """Return the frame of a plan that began at p and R, from what is on its axes, p and x."""
-    A, B = axes
-    way, dp, ddp = A @ value[0], A @ rate[0], A @ acceleration[0]
-    return turned(R, p + way, dp, ddp, B @ value[1], B @ rate[1], B @ acceleration[1])
+@jit(six_arrays(vector, matrix, matrix, matrix, matrix))
+def _along(p: Array, R: Array, A: Array, B: Array, state: Array) -> tuple[Array, ...]:
+    """Return the frame of a plan that began at p and R.
+
+    Args:
+        p, R: (3,), (3, 3).
+        A, B: (3, 3) whose columns are the axes of the position, and of the rotation vector x.
+        state: (3, 6) on these axes: both, their rates, their accelerations.
+    """
+    way, dp, ddp = turn(A, state[0, :3]), turn(A, state[1, :3]), turn(A, state[2, :3])
+    x, dx, ddx = turn(B, state[0, 3:]), turn(B, state[1, 3:]), turn(B, state[2, 3:])
+    R, omega, domega = turned(R, x, dx, ddx)
+    return p + way, R, dp, omega, ddp, domega
 
 
 def reach(start: DesiredFrame, end: DesiredFrame, limits: MotionLimits, least: float = 0.0) -> Plan:
@@ -139,71 +139,59 @@ def _meets(plan: Plan, T: float) -> bool:
     return plan.duration <= T * (1 + 1e-9) + 1e-9
 
 
-@formula
-def problem(
-    start: DesiredFrame, end: DesiredFrame, by_velocity: bool, most: TipLimits
-) -> tuple[_Half, _Half, Mat, Mat, bool]:
-    """Return both halves of a problem, p and x; their axes; whether all is along the first."""
-    R, way = start.R_d.T, end.p_d - start.p_d  # at the start x is 0 and J_r is 1
-    x, dx, ddx = rotation_vector_at_end(start, end)
-    omega, domega = R @ start.omega_d, R @ start.domega_d
-    A = _axes(way, start.dp_d, end.dp_d, by_velocity)
-    B = _axes(x, omega, dx, by_velocity)
-    p_half, p_is = _half(
-        A.T, start.dp_d, start.ddp_d, way, end.dp_d, end.ddp_d,
-        most.linear_speed, most.linear_acceleration, most.linear_jerk,
-    )  # fmt: skip
-    x_half, x_is = _half(
-        B.T, omega, domega, x, dx, ddx,
-        most.angular_speed, most.angular_acceleration, most.angular_jerk,
-    )  # fmt: skip
-    return p_half, x_half, A, B, p_is and x_is
-
-
-@formula
-def _half(
-    A: Mat, v_0: Vec, a_0: Vec, x_1: Vec, v_1: Vec, a_1: Vec,
-    speed: float, acceleration: float, jerk: float,
-) -> tuple[_Half, bool]:  # fmt: skip
-    """Return half of a problem on the axes that are the rows of A, and whether it is straight."""
-    v_0, a_0, x_1, v_1, a_1 = A @ v_0, A @ a_0, A @ x_1, A @ v_1, A @ a_1
-    speed, acceleration = min(speed, _MOST), _OF_ACCELERATION * min(acceleration, _MOST)
-    v, a = _larger(v_0, v_1), _larger(a_0, a_1)
-    is_straight = max(max(v.y, v.z) / speed, max(a.y, a.z) / acceleration) < _STRAIGHT
-    v, a = _shared(v, speed, is_straight), _shared(a, acceleration, is_straight)
-    j = _shared(0.0 * v, min(jerk, _MOST), is_straight)
-    return (v_0, a_0, x_1, v_1, a_1, v, a, j), is_straight
-
-
-@formula
-def _larger(v: Vec, w: Vec) -> Vec:
-    """Return the larger one of the magnitudes of each element."""
-    return Vec(max(abs(v.x), abs(w.x)), max(abs(v.y), abs(w.y)), max(abs(v.z), abs(w.z)))
-
-
-@formula
-def _axes(x_1: Vec, v_0: Vec, v_1: Vec, by_velocity: bool) -> Mat:
-    """Return three axes as columns, the first along the way, or else along the velocity."""
-    d = v_1 - v_0 if by_velocity else x_1
+@jit(new_matrix(vector, vector, vector, b1))
+def _axes(way: Array, v_0: Array, v_1: Array, by_velocity: bool) -> Array:
+    """Return three axes as columns (3, 3), the first along the way, or else along the velocity."""
+    d = v_1 - v_0 if by_velocity else way
     if not norm(d) > _NOWHERE:
         d = v_0 if norm(v_0) > 0.0 else v_1
     if not norm(d) > _NOWHERE:
-        return identity(1.0)
-    first = d / norm(d)
-    second = perpendicular(first)
-    return columns(first, second, cross(first, second))
+        return np.eye(3)
+    A = np.empty((3, 3))
+    A[:, 0] = d / norm(d)
+    A[:, 1] = perpendicular(A[:, 0])
+    A[:, 2] = cross(A[:, 0], A[:, 1])
+    return A
 
 
-@formula
-def _shared(taken: Vec, most: float, is_straight: bool) -> Vec:
-    """Return the bounds of each axis, together about ``most``, that leave what is taken."""
+@jit(new_vector(vector, f8, b1))
+def _shared(taken: Array, most: float, is_straight: bool) -> Array:
+    """Return the bounds of each axis, together about ``most``, that leave what is taken (3,)."""
     if is_straight:
-        return most * Vec(1.0, _LEAST, _LEAST)
-    squares = Vec(taken.x * taken.x, taken.y * taken.y, taken.z * taken.z) / (most * most)
-    left = max(0.0, 1.0 - (squares.x + squares.y + squares.z))
-    shares = squares + left * Vec(1.0 - 2.0 * _ACROSS, _ACROSS, _ACROSS)
-    x, y, z = math.sqrt(shares.x), math.sqrt(shares.y), math.sqrt(shares.z)
-    return most * Vec(max(x, _ACROSS), max(y, _ACROSS), max(z, _ACROSS))
+        return most * np.array([1.0, _LEAST, _LEAST])
+    squares = (taken / most) ** 2
+    left = max(0.0, 1.0 - squares.sum())
+    shares = squares + left * np.array([1.0 - 2.0 * _ACROSS, _ACROSS, _ACROSS])
+    return most * np.maximum(np.sqrt(shares), _ACROSS)
+
+
+@jit(types.Tuple((new_matrix, b1))(matrix, vector, vector, vector, vector, vector, vector))
+def _half(
+    A: Array, v_0: Array, a_0: Array, x_1: Array, v_1: Array, a_1: Array, most: Array
+) -> tuple[Array, bool]:
+    """Return half of a problem, of the position or of x, and whether all is along the first axis.
+
+    Args:
+        A: (3, 3) whose columns are the axes.
+        v_0, a_0: (3,) velocity and acceleration at the start.
+        x_1, v_1, a_1: (3,) way, velocity and acceleration at the end.
+        most: (3,) speed, acceleration and jerk.
+
+    Returns:
+        (8, 3) the same five on the axes, and the largest speed, acceleration and jerk of each.
+    """
+    found = np.empty((8, 3))
+    found[0], found[1] = turn_back(A, v_0), turn_back(A, a_0)
+    found[2], found[3], found[4] = turn_back(A, x_1), turn_back(A, v_1), turn_back(A, a_1)
+    speed, acceleration = min(most[0], _MOST), _OF_ACCELERATION * min(most[1], _MOST)
+    v = np.maximum(np.abs(found[0]), np.abs(found[3]))
+    a = np.maximum(np.abs(found[1]), np.abs(found[4]))
+    across = max(max(v[1], v[2]) / speed, max(a[1], a[2]) / acceleration)
+    is_straight = across < _STRAIGHT
+    found[5] = _shared(v, speed, is_straight)
+    found[6] = _shared(a, acceleration, is_straight)
+    found[7] = _shared(np.zeros(3), min(most[2], _MOST), is_straight)
+    return found, is_straight
 
 
 def _planned(
@@ -214,7 +202,13 @@ def _planned(
     interface: ControlInterface,
 ) -> Plan:
     by_velocity = interface is ControlInterface.Velocity
-    found = problem.row(*start, *end, by_velocity, limits.row)
+    R, way = start.R_d, end.p_d - start.p_d
+    x, dx, ddx = rotation_vector_at_end(R, end.R_d, end.omega_d, end.domega_d)
+    omega, domega = turn_back(R, start.omega_d), turn_back(R, start.domega_d)  # J_r is 1 there
+    A, B = _axes(way, start.dp_d, end.dp_d, by_velocity), _axes(x, omega, dx, by_velocity)
+    most_p, most_x = limits.by_derivative.T
+    p_half, p_is_straight = _half(A, start.dp_d, start.ddp_d, way, end.dp_d, end.ddp_d, most_p)
+    x_half, x_is_straight = _half(B, omega, domega, x, dx, ddx, most_x)
     asked = InputParameter(6)
     (
         asked.current_velocity,
@@ -225,7 +219,7 @@ def _planned(
         asked.max_velocity,
         asked.max_acceleration,
         asked.max_jerk,
-    ) = found[:48].reshape(2, 8, 3).swapaxes(0, 1).reshape(8, 6).tolist()
+    ) = np.concatenate((p_half, x_half), axis=1).tolist()
     asked.current_position = [0.0] * 6
     asked.control_interface = interface
     profile, T = Profile(6), least
@@ -233,8 +227,11 @@ def _planned(
         if T > 0:
             asked.minimum_duration = T
         _solve(asked, profile)
-        plan = Plan(start, found[48:66], profile)
-        if found[66] or (excess := _excess(plan, limits)) <= 1 + _TOLERANCE:
+        plan = Plan(start, A, B, profile)
+        if p_is_straight and x_is_straight:
+            break
+        excess = _excess(profile, limits)
+        if excess <= 1 + _TOLERANCE:
             break
         T = profile.duration * max(_LONGER, min(excess, 2.0))
     return plan
@@ -254,15 +251,24 @@ def _solve(problem: InputParameter, profile: Profile) -> None:
     solver.calculate(problem, profile)
 
 
-def _excess(plan: Plan, limits: MotionLimits) -> float:
+def _excess(profile: Profile, limits: MotionLimits) -> float:
     """Return by how much the norms along a plan exceed their limits, 1 being not at all.
 
     What the plan begins with is given.
     """
-    rates = plan.rows(np.linspace(0.0, plan.duration, _PLACES).tolist())[:, 12:]
-    norms = np.sqrt((rates * rates).reshape(_PLACES, 4, 3).sum(axis=2))
-    return float((norms / np.maximum(limits.row[:4], norms[0])).max())
+    times = np.linspace(0.0, profile.duration, _PLACES).tolist()
+    norms = _rates(np.array([profile.at_time(t) for t in times]))
+    most = np.maximum(limits.by_derivative[:2].ravel(), norms[0])
+    return float((norms / most).max())
 
 
-for _formula in (along, problem):
-    _formula.prepare()
+@jit(new_matrix(types.Array(f8, 3, "A", readonly=True)))
+def _rates(states: Array) -> Array:
+    """Return |dp|, |omega|, |ddp|, |domega| (N, 4) of states (N, 3, 6): see ``_along``."""
+    norms = np.empty((len(states), 4))
+    for n in range(len(states)):
+        value, rate, acceleration = states[n, 0], states[n, 1], states[n, 2]
+        omega, domega = body_rates(value[3:], rate[3:], acceleration[3:])
+        norms[n, 0], norms[n, 1] = norm(rate[:3]), norm(omega)
+        norms[n, 2], norms[n, 3] = norm(acceleration[:3]), norm(domega)
+    return norms

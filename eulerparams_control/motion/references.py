@@ -1,6 +1,8 @@
 """References besides trajectories: set-points, goals, twists."""
 
-from eulerparams_control.laws._old.rotations import Array
+from typing import NamedTuple
+
+from eulerparams_control.laws.jit import Array
 from eulerparams_control.motion.frames import DesiredFrame
 
 
@@ -20,8 +22,7 @@ class SetPoint:
     @property
     def moves(self) -> bool:
         """Whether it has a twist."""
-        frame = self.frames[0]
-        return bool(frame.dp_d.any() or frame.omega_d.any())
+        return self.frames[0].moves
 
     def sample(self, t: float) -> DesiredFrame:
         """Return the desired frame at t [s]."""
@@ -38,13 +39,13 @@ class Goal(SetPoint):
         super().__init__(frame.at_rest(), 0.0)
 
 
-class Jog:
+class Jog(NamedTuple):
     """A twist of the tip.
 
-    Args:
+    Attributes:
         twist: (6,) [m/s, rad/s] base frame, at the tip.
         lasting: [s] for which it goes on without a successor.
     """
 
-    def __init__(self, twist: Array, lasting: float) -> None:
-        self.twist, self.lasting = twist, lasting
+    twist: Array
+    lasting: float

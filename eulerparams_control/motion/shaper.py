@@ -19,9 +19,9 @@ import numpy as np
 
 from eulerparams_control.motion.dilation import Dilated, Ramped, within
 from eulerparams_control.motion.frames import DesiredFrame, distance
-from eulerparams_control.motion.legs import Leg, bounded, is_alike, is_there, passes, resting
+from eulerparams_control.motion.legs import Leg, is_alike, is_there, passes, resting
 from eulerparams_control.motion.motion_limits import MotionLimits
-from eulerparams_control.motion.plan import Plan, attain, join, reach
+from eulerparams_control.motion.plan import Plan, attain, bounded, join, reach
 from eulerparams_control.motion.references import Goal, Jog, SetPoint
 from eulerparams_control.motion.spline import Poses
 from eulerparams_control.motion.stream import PAUSE, StreamFilter
@@ -125,7 +125,7 @@ class Shaper:
     @property
     def is_at_rest(self) -> bool:
         """Whether the last frame has no twist."""
-        return not (self.last.dp_d.any() or self.last.omega_d.any())
+        return not self.last.moves
 
     @property
     def expected(self) -> DesiredFrame:
@@ -278,7 +278,7 @@ class Shaper:
         """Return the leg along a motion from the time ``offset`` [s] on."""
         sample = motion.sample if offset == 0 else lambda t: motion.sample(offset + t)
         end = motion.sample(motion.duration)
-        if not (end.dp_d.any() or end.omega_d.any()):
+        if not end.moves:
             return Leg(sample)
         left = max(motion.duration - offset, 0.0)
         return Leg(sample, left, lambda here: self._to_rest(here, end.at_rest()))
@@ -355,9 +355,8 @@ class Shaper:
         """Return the leg that ends at rest at a goal; where no plan leads there, after a stop."""
         assert self.limits is not None
         plan = reach(here, goal, self.limits)
-        moves = here.dp_d.any() or here.omega_d.any()
         return self._then(
-            plan, resting(goal), lambda end: self._again(end, goal) if moves else resting(end)
+            plan, resting(goal), lambda end: self._again(end, goal) if here.moves else resting(end)
         )
 
     def _again(self, here: DesiredFrame, goal: DesiredFrame) -> Leg:

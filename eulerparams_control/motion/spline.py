@@ -13,18 +13,39 @@ which nothing is known the acceleration is even.
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws._old.compiled import Array, Row, Rows, entry, kernel
-from eulerparams_control.laws._old.linear import Vec, norm
-from eulerparams_control.laws._old.rotations import body_rates
+from eulerparams_control.laws.jit import (
+    Array,
+    b1,
+    f8,
+    i8,
+    jit,
+    matrix,
+    new_matrix,
+    new_vector,
+    types,
+    vector,
+    void,
+)
+from eulerparams_control.laws.rotations import (
+    body_rates,
+    log,
+    norm,
+    relative,
+    right_jacobian,
+    solve,
+    turn,
+)
 from eulerparams_control.motion.dilation import Dilated, Ramped, is_within, ramped, within
-from eulerparams_control.motion.frames import DesiredFrame, apart, read_frame
+from eulerparams_control.motion.frames import DesiredFrame, distance, stacked
 from eulerparams_control.motion.motion_limits import MotionLimits
-from eulerparams_control.motion.trajectories import Trajectory, rotation_vector_at_end
+from eulerparams_control.motion.trajectories import Trajectory
 
 # A pose is passed no faster than this multiple of the slower mean speed beside it: so the way from
 # pose to pose goes beyond its ends by less than half of itself, and a pose that is kept is kept.
@@ -39,78 +60,74 @@ _SHORTEST, _SAME, _SPEEDS = 1e-6, 1e-9, (0.25, 1.0)
 _SETTLED, _SWEEPS = 1e-7, 50
 
 
-@kernel
+_matrices = types.Array(f8, 3, "A", readonly=True)
+type Flags = NDArray[np.bool_]
+_flags = types.Array(b1, 1, "A", readonly=True)
+
+
+@jit(
+    types.Tuple((f8, new_vector, new_vector))(
+        vector, matrix, matrix, _matrices, matrix, matrix, _flags, i8
+    )
+)
 def _segment(
-    start: DesiredFrame, end: DesiredFrame, T: float, part: int, knows_start: bool, knows_end: bool
-) -> tuple[float, Vec, Vec]:
-    """Return the mean speed of a segment, and the accelerations at its ends, base frame.
-
-    Args:
-        start, end: the frames at its ends.
-        T: [s] between them.
-        part: 0 the point, 1 the turning.
-        knows_start, knows_end: whether velocity and acceleration there are known.
-    """
-    if part == 0:
-        x, v_0, v_1, known_0, known_1 = (
-            end.p_d - start.p_d, start.dp_d, end.dp_d, start.ddp_d, end.ddp_d
-        )  # fmt: skip
-    else:
-        x, v_1, known_1 = rotation_vector_at_end(start, end)
-        v_0, known_0 = start.R_d.T @ start.omega_d, start.R_d.T @ start.domega_d
-    d = (1.0 / T) * x
-    a_0, a_1 = (6.0 * d - 4.0 * v_0 - 2.0 * v_1) / T, (2.0 * v_0 + 4.0 * v_1 - 6.0 * d) / T
+    times: Array, x: Array, r: Array, J: Array, v: Array, a: Array, known: Flags, n: int
+) -> tuple[float, Array, Array]:
+    """Return the mean speed of segment n, and the accelerations at its ends; see ``_solve``."""
+    T = times[n + 1] - times[n]
+    d, v_0, v_1, dJ_v = x[n] / T, v[n].copy(), solve(J[n], v[n + 1]), np.zeros(3)
+    if r[n].any():
+        dJ_v = body_rates(r[n], v_1, dJ_v)[1]
     bend = (12.0 * d - 6.0 * v_0 - 6.0 * v_1) / T
-    if knows_start:
-        a_0, a_1 = known_0, known_0 - bend
-    if knows_end:
-        a_0, a_1 = known_1 + bend, known_1
-    if part == 1:
-        a_0, a_1 = start.R_d @ a_0, end.R_d @ body_rates(x, v_1, a_1)[1]
-    return norm(d), a_0, a_1
+    if known[n]:
+        a_0, a_1 = a[n].copy(), a[n] - bend
+    elif known[n + 1]:
+        a_1 = solve(J[n], a[n + 1] - dJ_v)
+        a_0 = a_1 + bend
+    else:
+        a_0, a_1 = (6.0 * d - 4.0 * v_0 - 2.0 * v_1) / T, (2.0 * v_0 + 4.0 * v_1 - 6.0 * d) / T
+    return norm(d), a_0, turn(J[n], a_1) + dJ_v
 
 
-@entry
-def _solve(times: Row, frames: Rows, known: Row, part: int) -> None:
-    """Fill in velocities and accelerations, of the point (part 0) or the turning (part 1).
+@jit(void(vector, matrix, matrix, new_matrix, new_matrix, _flags))
+def _solve(times: Array, x: Array, r: Array, v: Array, a: Array, known: Flags) -> None:
+    """Fill in velocities and accelerations, of the point or of the turning.
 
     Args:
         times: (N,) [s].
-        frames: (N, 24).
-        known: (N,) where it is not 0 nothing is changed.
-        part: 0 or 1.
+        x: (N - 1, 3) the ways, in the axes of their starts.
+        r: (N - 1, 3) rotation vectors from these axes to those of their ends.
+        v, a: (N, 3) velocities and accelerations, each in its own axes, which are changed.
+        known: (N,) where nothing is changed.
     """
-    N, v, a = len(times), 12 + 3 * part, 18 + 3 * part
-    fastest = 0.0
+    J = np.empty((len(r), 3, 3))
+    for n in range(len(r)):
+        J[n] = right_jacobian(r[n])
+    N, fastest = len(times), 0.0
     for _ in range(_SWEEPS):
         change = 0.0
         for k in range(N):
-            if known[k] != 0.0:
+            if known[k]:
                 continue
-            slowest, weight, jump, mean = math.inf, 0.0, Vec(0.0, 0.0, 0.0), Vec(0.0, 0.0, 0.0)
+            slowest, weight, jump, mean = math.inf, 0.0, np.zeros(3), np.zeros(3)
             is_end = k == 0 or k == N - 1
             for n in range(max(k - 1, 0), min(k + 1, N - 1)):  # the segments beside it
-                T, knows = times[n + 1] - times[n], (known[n] != 0.0, known[n + 1] != 0.0)
-                start, end = read_frame(frames[n], 0), read_frame(frames[n + 1], 0)
-                speed, a_0, a_1 = _segment(start, end, T, part, knows[0], knows[1])
+                T, is_bound = times[n + 1] - times[n], known[n] or known[n + 1]
+                speed, a_0, a_1 = _segment(times, x, r, J, v, a, known, n)
                 slowest = min(slowest, speed)
-                if is_end and (N > 2 or knows[0] or knows[1]):  # the acceleration is even there
+                if is_end and (N > 2 or is_bound):  # the acceleration is even there
                     jump, weight = a_0 - a_1, 6.0 / T
                     mean = a_0 if k == 0 else a_1
                 else:
                     here = a_0 if n == k else -a_1
                     jump, mean = jump + here, mean + (0.5 if n == k else -0.5) * here
-                    weight += 6.0 / T if knows[0] or knows[1] else 4.0 / T
-            was = Vec(frames[k, v], frames[k, v + 1], frames[k, v + 2])
-            now = was + (1.0 / weight) * jump
-            most = _STEEPEST * slowest
-            is_steep = norm(now) >= most
-            if is_steep:
-                now = (most / max(norm(now), 1e-300)) * now
-                mean = Vec(0.0, 0.0, 0.0)
-            frames[k, v], frames[k, v + 1], frames[k, v + 2] = now.x, now.y, now.z
-            frames[k, a], frames[k, a + 1], frames[k, a + 2] = mean.x, mean.y, mean.z
-            change, fastest = max(change, norm(now - was)), max(fastest, norm(now))
+                    weight += 6.0 / T if is_bound else 4.0 / T
+            now = v[k] + jump / weight
+            most, speed = _STEEPEST * slowest, norm(now)
+            if speed >= most:  # it is too steep
+                now, mean = most / max(speed, 1e-300) * now, np.zeros(3)
+            change, fastest = max(change, norm(now - v[k])), max(fastest, norm(now))
+            v[k], a[k] = now, mean
         if change <= _SETTLED * fastest:
             break
 
@@ -133,9 +150,7 @@ class Poses(Trajectory):
         self.is_timed = any(times)
         super().__init__(times if self.is_timed else range(len(times)), frames)
         self._known = np.array(known)
-        self._rows = np.concatenate([part for frame in frames for part in frame], axis=None)
-        self._rows = self._rows.reshape(-1, 24)
-        moves = self._known & self._rows[:, 12:18].any(axis=1)
+        moves = self._known & np.array([frame.moves for frame in self.frames])
         if not self.is_timed and moves.any():
             raise ConfigurationError(
                 f"point {np.argmax(moves)} (the first is 0) has a velocity, and no point has a "
@@ -175,8 +190,8 @@ class Poses(Trajectory):
         if self.is_timed and is_within(exact := knots.resting().spline, limits):
             return exact, late
         if self.is_timed and knots.known[0] and late < self.times[0] and len(knots.times) > 2:
-            times, rows, known = knots.times[1:], knots.rows[1:], knots.known[1:]
-            knots = _Knots(times, rows, known, (False, knots.rests[1]))
+            times, frames, known = knots.times[1:], knots.frames[1:], knots.known[1:]
+            knots = _Knots(times, frames, known, (False, knots.rests[1]))
         late = late - float(knots.times[0]) if self.is_timed else 0.0
         motion = within(knots._replace(times=knots.times - knots.times[0]).spline, limits)
         if isinstance(motion, Dilated) and late > 0.0:
@@ -185,13 +200,12 @@ class Poses(Trajectory):
 
     def _from(self, here: DesiredFrame, late: float, speeds: tuple[float, float]) -> "_Knots":
         """Return what is to be passed from where the tip is."""
-        moves = bool(here.dp_d.any() or here.omega_d.any())
-        times, rows, known = np.array(self.times), self._rows, self._known
-        rests = not (known[0] or moves)
+        times, frames, known = np.array(self.times), self.frames, self._known
+        rests = not (known[0] or here.moves)
         if not self.is_timed or late < times[0]:
-            times, rests = np.append(max(late, 0.0), times), not moves
-            rows, known = np.vstack((here.row, rows)), np.append(moves, known)
-        ways = apart.rows(np.hstack((rows[:-1], rows[1:])))[:, :2]
+            times, rests = np.append(max(late, 0.0), times), not here.moves
+            frames, known = [here, *frames], np.append(here.moves, known)
+        ways = np.array([distance(*pair) for pair in pairwise(frames)]).reshape(-1, 2)
         if self.is_timed:
             left = len(times)  # at the end it waits, where poses are the same
             while left > 1 and not known[left - 1] and ways[left - 2].max() < _SAME:
@@ -202,7 +216,8 @@ class Poses(Trajectory):
             kept = np.append(0, np.flatnonzero(spans > _SHORTEST) + 1)
             times = np.append(0.0, np.cumsum(spans))
         known = known[kept]
-        return _Knots(times[kept], rows[kept], known, (rests, not known[-1]))
+        frames = [frames[k] for k in kept]
+        return _Knots(times[kept], frames, known, (rests, not known[-1]))
 
 
 class _Knots(NamedTuple):
@@ -210,30 +225,37 @@ class _Knots(NamedTuple):
 
     Attributes:
         times: (N,) [s].
-        rows: (N, 24) frames.
+        frames: the N frames.
         known: (N,) whether their velocities and accelerations are.
         rests: whether it rests at its start, at its end.
     """
 
     times: Array
-    rows: Array
-    known: Array
+    frames: list[DesiredFrame]
+    known: Flags
     rests: tuple[bool, bool]
 
     def resting(self) -> "_Knots":
         """Return the same with ends at rest that are known."""
-        rows, known = self.rows.copy(), self.known.copy()
+        frames, known = self.frames.copy(), self.known.copy()
         for end, rests in zip((0, -1), self.rests, strict=True):
             if rests:
-                rows[end, 12:], known[end] = 0.0, True
-        return self._replace(rows=rows, known=known)
+                frames[end], known[end] = frames[end].at_rest(), True
+        return self._replace(frames=frames, known=known)
 
     @property
     def spline(self) -> Trajectory:
         """The spline through the frames."""
-        rows = self.rows.copy()
-        rows[np.logical_not(self.known), 12:] = 0.0
-        if len(rows) > 1:
-            for part in (0, 1):
-                _solve(self.times, rows, self.known.astype(float), part)
-        return Trajectory(self.times.tolist(), [DesiredFrame.of(row) for row in rows])
+        times, known = self.times, self.known
+        p, R, dp, omega, ddp, domega = stacked(
+            frame if is_known else frame.at_rest()
+            for frame, is_known in zip(self.frames, known, strict=True)
+        )
+        if len(times) > 1:
+            x, way = np.array([log(relative(*pair)) for pair in pairwise(R)]), np.diff(p, axis=0)
+            _solve(times, way, 0 * x, dp, ddp, known)
+            omega, domega = (np.einsum("nji,nj->ni", R, rates) for rates in (omega, domega))
+            _solve(times, x, x, omega, domega, known)
+            omega, domega = (np.einsum("nij,nj->ni", R, rates) for rates in (omega, domega))
+        frames = zip(p, R, dp, omega, ddp, domega, strict=True)
+        return Trajectory(times.tolist(), [DesiredFrame(*frame) for frame in frames])

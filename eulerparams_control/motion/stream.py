@@ -9,10 +9,8 @@ interval between two of them has to do with the rate of the filter is its time c
 
 import math
 
-from eulerparams_control.laws._old.compiled import formula
-from eulerparams_control.laws._old.linear import norm
-from eulerparams_control.laws._old.rotations import exp, log
-from eulerparams_control.motion.frames import DesiredFrame, moved
+from eulerparams_control.laws.rotations import exp, log, norm, relative
+from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import MotionLimits
 
 # Time constants [s] of the filter for poses alone, and for those with a twist.
@@ -63,14 +61,13 @@ class StreamFilter:
         T = at - self.at
         if self.frame is None or not 0 < T < PAUSE:
             self.forget()
-        self.has_twists |= bool(frame.dp_d.any() or frame.omega_d.any())
+        self.has_twists |= frame.moves
         before, self.last, self.at = self.frame, frame, at
         if before is None:
             self.frame = frame
             return
         self._time(T)
-        filtered = follow.row(*before, *frame, T, self.has_twists, limits.speeds)
-        self.frame = DesiredFrame.of(filtered)
+        self.frame = _filtered(before, frame, T, self.has_twists, limits.speeds)
 
     def _time(self, T: float) -> None:
         if self.interval == 0.0:
@@ -79,8 +76,7 @@ class StreamFilter:
         self.interval += _SMOOTHING * (T - self.interval)
 
 
-@formula
-def follow(
+def _filtered(
     before: DesiredFrame,
     frame: DesiredFrame,
     T: float,
@@ -88,15 +84,15 @@ def follow(
     speeds: tuple[float, float],
 ) -> DesiredFrame:
     """Return the stream at a set-point T [s] after the one before; itself if it leaps."""
-    expected = moved(before, T)
-    e_p, e_R = frame.p_d - expected.p_d, log(expected.R_d.T @ frame.R_d)
-    alpha, dp_d, omega_d = 1.0 - math.exp(-T / _TWISTS), frame.dp_d, frame.omega_d
+    expected = before.moved(T)
+    e_p, e_R = frame.p_d - expected.p_d, log(relative(expected.R_d, frame.R_d))
+    alpha, dp_d, omega_d = 1 - math.exp(-T / _TWISTS), frame.dp_d, frame.omega_d
     if not has_twists:
-        most = T + 2.0 * _POSES
+        most = T + 2 * _POSES
         if norm(e_p) > most * speeds[0] or norm(e_R) > most * speeds[1]:
             return frame
         theta = math.exp(-T / _POSES)
-        alpha, beta = 1.0 - theta * theta, (1.0 - theta) * (1.0 - theta)
+        alpha, beta = 1 - theta**2, (1 - theta) ** 2
         dp_d = before.dp_d + beta / T * e_p
         omega_d = before.omega_d + beta / T * (expected.R_d @ e_R)
     return DesiredFrame(
@@ -107,6 +103,3 @@ def follow(
         frame.ddp_d,
         frame.domega_d,
     )
-
-
-follow.prepare()

@@ -8,7 +8,7 @@ Notation: ``u`` rate of time, ``du`` [1/s] its change.
 
 import math
 
-from eulerparams_control.laws._old.rotations import Array
+from eulerparams_control.laws.jit import Array
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.plan import Sample

@@ -11,7 +11,7 @@ domega_d`` [m/s^2, rad/s^2], all in the base frame, of the tip.
 
 import math
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
@@ -19,132 +19,124 @@ from typing import NamedTuple
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws._old.compiled import (
+from eulerparams_control.laws.jit import (
     Array,
-    Input,
-    Row,
-    Rows,
-    entry,
-    formula,
-    from_rows,
-    kernel,
-    layout,
+    f8,
+    jit,
+    matrix,
+    new_matrix,
+    new_vector,
+    types,
+    vector,
 )
-from eulerparams_control.laws._old.linear import Mat, Vec, cross, norm, solve
-from eulerparams_control.laws._old.rotations import (
+from eulerparams_control.laws.rotations import (
     R_angle_axis,
     body_rates,
+    cross,
     exp,
     log,
+    norm,
+    product,
+    relative,
     right_jacobian,
+    solve,
+    turn,
+    turn_back,
 )
-from eulerparams_control.motion.frames import DesiredFrame, put_frame, read_frame, with_an_angle
+from eulerparams_control.motion.frames import (
+    DesiredFrame,
+    finite,
+    six_arrays,
+    stacked,
+    with_an_angle,
+)
 
 # Points of one trajectory: more would be a message of megabytes.
 MAX_POINTS = 20000
 
+_matrices = types.Array(f8, 3, "A", readonly=True)
+_stacks = types.Tuple((new_matrix, f8[:, :, ::1], *(new_matrix,) * 4))
 
-@kernel
-def quintic[X: (float, Vec)](
-    x_0: X, v_0: X, a_0: X, x_1: X, v_1: X, a_1: X, T: float
-) -> tuple[X, X, X, X, X, X]:
-    """Return the coefficients, constant first, from values, rates, accelerations T [s] apart."""
-    h = x_1 - x_0 - T * v_0 - 0.5 * T * T * a_0
+
+def quintic(start: Iterable[Array], end: Iterable[Array], T: Array) -> Array:
+    """Return the coefficients (..., 6, n), constant first, of polynomials of degree 5.
+
+    Args:
+        start, end: values, rates and accelerations (..., n) there.
+        T: (..., 1) [s] between them.
+    """
+    (x_0, v_0, a_0), (x_1, v_1, a_1) = start, end
+    h = x_1 - x_0 - T * v_0 - T**2 / 2 * a_0
     v = T * (v_1 - v_0 - T * a_0)
-    a = 0.5 * T * T * (a_1 - a_0)
-    return (
-        x_0,
-        v_0,
-        0.5 * a_0,
-        (10.0 * h - 4.0 * v + a) / (T * T * T),
-        (-15.0 * h + 7.0 * v - 2.0 * a) / (T * T * T * T),
-        (6.0 * h - 3.0 * v + a) / (T * T * T * T * T),
-    )
+    a = T**2 / 2 * (a_1 - a_0)
+    c_3, c_4, c_5 = 10 * h - 4 * v + a, -15 * h + 7 * v - 2 * a, 6 * h - 3 * v + a
+    return np.stack((x_0, v_0, a_0 / 2, c_3 / T**3, c_4 / T**4, c_5 / T**5), axis=-2)
 
 
-@kernel
-def polynomial[X: (float, Vec)](c: tuple[X, X, X, X, X, X], t: float) -> tuple[X, X, X]:
-    """Return value, rate and acceleration at t [s] from the coefficients of ``quintic``."""
-    return (
-        c[0] + t * (c[1] + t * (c[2] + t * (c[3] + t * (c[4] + t * c[5])))),
-        c[1] + t * (2.0 * c[2] + t * (3.0 * c[3] + t * (4.0 * c[4] + t * (5.0 * c[5])))),
-        2.0 * c[2] + t * (6.0 * c[3] + t * (12.0 * c[4] + t * (20.0 * c[5]))),
-    )
+@jit(types.UniTuple(new_vector, 3)(matrix, f8))
+def polynomial(c: Array, t: float) -> tuple[Array, Array, Array]:
+    """Return value, rate and acceleration (n,) at t [s] from coefficients (6, n) of ``quintic``."""
+    n = c.shape[1]
+    x, dx, ddx = np.zeros(n), np.zeros(n), np.zeros(n)
+    for i in range(n):
+        for k in range(5, -1, -1):  # Horner's scheme
+            ddx[i] = ddx[i] * t + 2.0 * dx[i]
+            dx[i] = dx[i] * t + x[i]
+            x[i] = x[i] * t + c[k, i]
+    return x, dx, ddx
 
 
-@formula
-def turned(R_0: Mat, p: Vec, dp: Vec, ddp: Vec, x: Vec, dx: Vec, ddx: Vec) -> DesiredFrame:
-    """Return the frame at p, and at R = R_0 exp(x), with their derivatives."""
+@jit(types.Tuple((new_matrix, new_vector, new_vector))(matrix, vector, vector, vector))
+def turned(R_0: Array, x: Array, dx: Array, ddx: Array) -> tuple[Array, Array, Array]:
+    """Return R = R_0 exp(x), omega and domega."""
     x = with_an_angle(x)
-    R = R_0 @ exp(x)
-    omega, domega = body_rates(x, dx, ddx)  # in the desired frame
-    return DesiredFrame(p, R, dp, R @ omega, ddp, R @ domega)
+    R = product(R_0, exp(x))
+    omega, domega = body_rates(x, dx, ddx)  # in the turned frame
+    return R, turn(R, omega), turn(R, domega)
 
 
-@formula
-def rotation_vector_at_end(start: DesiredFrame, end: DesiredFrame) -> tuple[Vec, Vec, Vec]:
-    """Return x, dx, ddx at the end of a segment: the inverse of ``turned``."""
-    x = log(start.R_d.T @ end.R_d)
+@jit(types.UniTuple(new_vector, 3)(matrix, matrix, vector, vector))
+def rotation_vector_at_end(
+    R_0: Array, R: Array, omega: Array, domega: Array
+) -> tuple[Array, Array, Array]:
+    """Return x, dx, ddx of R = R_0 exp(x): the inverse of ``turned``."""
+    x = log(relative(R_0, R))
     J_r = right_jacobian(x)
-    dx = solve(J_r, end.R_d.T @ end.omega_d)
-    _, dJ_dx = body_rates(x, dx, 0.0 * dx)
-    return x, dx, solve(J_r, end.R_d.T @ end.domega_d - dJ_dx)
+    dx = solve(J_r, turn_back(R, omega))
+    _, dJ_dx = body_rates(x, dx, np.zeros(3))
+    return x, dx, solve(J_r, turn_back(R, domega) - dJ_dx)
 
 
-class Segment(NamedTuple):
-    """The motion from a frame to the next one: coefficients of ``quintic`` for p_d and x."""
+@jit(six_arrays(vector, _matrices, _matrices, _matrices, f8))
+def sampled(times: Array, R_0: Array, c_p: Array, c_x: Array, t: float) -> tuple[Array, ...]:
+    """Return the frame at t [s] of a motion of N segments; at rest before and after it.
 
-    start: DesiredFrame
-    p: tuple[Vec, Vec, Vec, Vec, Vec, Vec]
-    x: tuple[Vec, Vec, Vec, Vec, Vec, Vec]
-
-
-_segment_width, _read_segment, _put_segment = layout(Segment)[:3]
-
-
-@formula
-def between(start: DesiredFrame, end: DesiredFrame, T: float) -> Segment:
-    """Return the motion between two frames that are T [s] apart."""
-    R = start.R_d.T
-    p = quintic(start.p_d, start.dp_d, start.ddp_d, end.p_d, end.dp_d, end.ddp_d, T)
-    x_1, dx_1, ddx_1 = rotation_vector_at_end(start, end)
-    x = quintic(0.0 * x_1, R @ start.omega_d, R @ start.domega_d, x_1, dx_1, ddx_1, T)
-    return Segment(start, p, x)
-
-
-@entry
-def _connect(times: Row, frames: Rows, segments: Rows) -> None:
-    """Fill the segments (N, ...) that begin at frames (N, 24); the last is the last frame."""
-    for k in range(len(times)):
-        start = read_frame(frames[k], 0)
-        put_frame(segments[k], 0, start)
-        if k + 1 < len(times):
-            end, T = read_frame(frames[k + 1], 0), times[k + 1] - times[k]
-            _put_segment(segments[k], 0, between(start, end, T))
+    Args:
+        times: (N,) [s] at which they begin; the last one is of no duration.
+        R_0: (N, 3, 3) orientations there.
+        c_p, c_x: (N, 6, 3) coefficients of ``quintic`` for the position and for x.
+        t: [s].
+    """
+    last = len(times) - 1
+    k = min(max(int(np.searchsorted(times, t, side="right")) - 1, 0), last)
+    tau = min(max(t, times[0]), times[last]) - times[k]
+    p, dp, ddp = polynomial(c_p[k], tau)
+    x, dx, ddx = polynomial(c_x[k], tau)
+    R, omega, domega = turned(R_0[k], x, dx, ddx)
+    if t < times[0] or t > times[last]:
+        return p, R, np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    return p, R, dp, omega, ddp, domega
 
 
-@kernel
-def sampled(times: Array, segments: Array, t: float) -> DesiredFrame:
-    """Return the frame at t [s] of a motion of segments (N, ...) that begin at times (N,) [s]."""
-    k, last = int(np.searchsorted(times, t, side="right")) - 1, len(times) - 1
-    if k < 0 or t > times[last]:
-        frame, rest = read_frame(segments[max(k, 0)], 0), Vec(0.0, 0.0, 0.0)
-        return DesiredFrame(frame.p_d, frame.R_d, rest, rest, rest, rest)
-    if k == last:
-        return read_frame(segments[k], 0)
-    segment, t = _read_segment(segments[k], 0), t - times[k]
-    return turned(segment.start.R_d, *polynomial(segment.p, t), *polynomial(segment.x, t))
-
-
-@entry
-def _sample(times: Row, segments: Rows, t: float, row: Row) -> None:
-    put_frame(row, 0, sampled(times, segments, t))
-
-
-@entry
-def _samples(times: Row, segments: Rows, t: Input, rows: Rows) -> None:
-    for n in range(len(t)):
-        put_frame(rows[n], 0, sampled(times, segments, t[n]))
+@jit(_stacks(vector, _matrices, _matrices, _matrices, vector))
+def samples(times: Array, R_0: Array, c_p: Array, c_x: Array, t: Array) -> tuple[Array, ...]:
+    """Return the frames at t (M,) [s], stacked: see ``sampled``."""
+    M = len(t)
+    p, dp, ddp = np.empty((M, 3)), np.empty((M, 3)), np.empty((M, 3))
+    R, omega, domega = np.empty((M, 3, 3)), np.empty((M, 3)), np.empty((M, 3))
+    for n in range(M):
+        p[n], R[n], dp[n], omega[n], ddp[n], domega[n] = sampled(times, R_0, c_p, c_x, t[n])
+    return p, R, dp, omega, ddp, domega
 
 
 class Trajectory:
@@ -155,9 +147,14 @@ class Trajectory:
         frames: the desired frames at these times.  Two neighbours differ by less than
             half a turn: the rotation between them is about the equivalent axis.
 
+    Attributes:
+        slowest: the least rate of its time: it goes as it is.
+
     Raises:
         ConfigurationError: if there is none, the numbers differ, or times do not increase.
     """
+
+    slowest = 1.0
 
     def __init__(self, times: Sequence[float], frames: Sequence[DesiredFrame]) -> None:
         if not frames or len(times) != len(frames):
@@ -179,30 +176,33 @@ class Trajectory:
         """Time [s] of the last frame."""
         return self.times[-1]
 
-    @property
-    def slowest(self) -> float:
-        """The least rate of its time: it goes as it is."""
-        return 1.0
-
     def sample(self, t: float) -> DesiredFrame:
-        """Return the desired frame at t [s]; at rest before the first and after the last."""
-        row = np.empty(24)
-        _sample(*self.segments, t, row)
-        return DesiredFrame.of(row)
+        """Return the desired frame at t [s]; at rest before the first and after the last.
+
+        Raises:
+            SingularityError: if its rotation is not finite.
+        """
+        return finite(DesiredFrame(*sampled(*self._segments, t)))
 
     def samples(self, t: Array) -> DesiredFrame:
         """Return the desired frames at t (M,) [s] as one, its fields stacked: see ``sample``."""
-        rows = np.empty((len(t), 24))
-        _samples(*self.segments, t, rows)
-        return from_rows(DesiredFrame, rows)
+        return DesiredFrame(*samples(*self._segments, t))
 
     @cached_property
-    def segments(self) -> tuple[Array, Array]:
-        """Its times (N,) [s], and the :class:`Segment` that begins at each, as rows."""
-        fields = [field for frame in self.frames for field in frame]
-        times, rows = np.array(self.times), np.zeros((len(self.times), _segment_width))
-        _connect(times, np.concatenate(fields, axis=None).reshape(-1, 24), rows)
-        return times, rows
+    def _segments(self) -> tuple[Array, Array, Array, Array]:
+        """The motion between its frames, as :func:`sampled` takes it."""
+        following = [*self.frames[1:], self.frames[-1]]  # the last one leads nowhere
+        start, end = stacked(self.frames), stacked(following)
+        T = np.append(np.diff(self.times), 1.0)[:, None]
+        dx_0 = np.einsum("nji,nj->ni", start.R_d, start.omega_d)  # at the start J_r is 1
+        ddx_0 = np.einsum("nji,nj->ni", start.R_d, start.domega_d)
+        ends = [
+            rotation_vector_at_end(here.R_d, there.R_d, there.omega_d, there.domega_d)
+            for here, there in zip(self.frames, following, strict=True)
+        ]
+        c_p = quintic(start[::2], end[::2], T)  # p_d, dp_d, ddp_d
+        c_x = quintic((np.zeros_like(dx_0), dx_0, ddx_0), np.array(ends).swapaxes(0, 1), T)
+        return np.array(self.times), start.R_d, c_p, c_x
 
     def lasting(self, duration: float) -> "Trajectory":
         """Return the same way in ``duration`` [s], at rest at its points."""
@@ -294,7 +294,7 @@ class Circle(NamedTuple):
         n = self.normal / np.linalg.norm(self.normal)
         u = perpendicular(n)
         arm = self.radius * (R_angle_axis(phi, n) @ u)  # from the centre to the tip
-        turn = cross(n, arm)
+        tangent = cross(n, arm)
         A = R_angle_axis(phi, n) @ R_angle_axis(self.tilt, u) @ R_angle_axis(-phi, n)
         C = R_angle_axis(-self.tilt, u) @ R_0
         lag = n - A @ n
@@ -302,9 +302,9 @@ class Circle(NamedTuple):
         return DesiredFrame(
             p_d=p_0 + arm - self.radius * u,
             R_d=A @ C,
-            dp_d=dphi * turn,
+            dp_d=dphi * tangent,
             omega_d=omega,
-            ddp_d=ddphi * turn - dphi**2 * arm,
+            ddp_d=ddphi * tangent - dphi**2 * arm,
             domega_d=ddphi * lag - dphi * cross(omega, A @ n),
         )
 
@@ -315,12 +315,10 @@ def _ramp(s: float, speed: float, ramp: float) -> tuple[float, float, float]:
     return phi, speed * (10 * s**3 - 15 * s**4 + 6 * s**5), speed / ramp * 30 * (s * (1 - s)) ** 2
 
 
-@formula
-def perpendicular(n: Vec) -> Vec:
-    """Return a unit vector perpendicular to the unit vector n."""
-    x, y, z = abs(n.x), abs(n.y), abs(n.z)
-    if x <= y and x <= z:
-        u = Vec(0.0, n.z, -n.y)
-    else:
-        u = Vec(-n.z, 0.0, n.x) if y <= z else Vec(n.y, -n.x, 0.0)
+@jit(new_vector(vector))
+def perpendicular(n: Array) -> Array:
+    """Return a unit vector perpendicular to the unit vector n (3,)."""
+    axis = np.zeros(3)
+    axis[np.argmin(np.abs(n))] = 1.0
+    u = cross(n, axis)
     return u / norm(u)

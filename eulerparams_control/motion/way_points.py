@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
+from eulerparams_control.laws.jit import Array
 from eulerparams_control.laws.orientation import SEQUENCES, EulerSequence
-from eulerparams_control.laws.rotations import Array, EulerParameters, exp
+from eulerparams_control.laws.rotations import EulerParameters, exp
 from eulerparams_control.motion.trajectories import MAX_POINTS, Trajectory, way_points
 
 FORMATS = ("quaternion_xyzw", "rotation_vector", *SEQUENCES)

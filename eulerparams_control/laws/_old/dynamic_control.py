@@ -39,6 +39,16 @@ from eulerparams_control.laws._old.compiled import (
     slot,
     to_rows,
 )
+from eulerparams_control.laws._old.frames import (
+    UNBOUNDED,
+    Frame,
+    TipLimits,
+    approach,
+    frame_of,
+    frame_of_row,
+    read_frame,
+    row_of,
+)
 from eulerparams_control.laws._old.inverse_dynamics import (
     DDQ,
     DQ,
@@ -89,13 +99,8 @@ from eulerparams_control.laws.scheme import (
     Tick,
     refuse_error,
 )
-from eulerparams_control.motion.frames import DesiredFrame, frame_of, read_frame
-from eulerparams_control.motion.motion_limits import (
-    UNBOUNDED,
-    MotionLimits,
-    TipLimits,
-    approach,
-)
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.robot.robot import Robot, RobotState
 
 # States that come slower than this [1/s] cannot hold the joints.
@@ -143,7 +148,7 @@ def _braked(k_P: float, k_V: float, e: float, speed: float, a: float, resisted: 
 
 
 def _law(
-    tip: TipState, desired: DesiredFrame, previous: Any, numbers: _Numbers, most: TipLimits,
+    tip: TipState, desired: Frame, previous: Any, numbers: _Numbers, most: TipLimits,
     drift: Input, a: Row,
 ) -> tuple[Any, bool]:  # fmt: skip
     """Fill a (6,): see ResolvedAcceleration; return x_de, and whether there is an answer."""
@@ -599,8 +604,8 @@ class DynamicControl(Scheme):
         if len(q) != n or len(dq) != n:
             self.robot.refuse_size(q, dq)
         row = np.empty(self.width)
-        tau, saturated, excess = self.efforts(dt, row, desired.row, h, q, dq)
-        self.note_contact(dt, row, desired.row, None, self.is_pressing)
+        tau, saturated, excess = self.efforts(dt, row, row_of(desired), h, q, dq)
+        self.note_contact(dt, row, row_of(desired), None, self.is_pressing)
         x_de, arm = self._unpack(self._x_de), arm_state(row, n)
         command = JointCommand(effort=tau)
         return Tick(command, desired, arm, x_de, saturated, excess, None, self._x_de)
@@ -623,7 +628,7 @@ class DynamicControl(Scheme):
         )
         self._q, self._hold = row[: robot.n], None
         if found < 0:
-            raise self._error(found, row, DesiredFrame.of(desired))
+            raise self._error(found, row, frame_of_row(desired))
         self._saturated, self._x_de = found != 0, row[at_x:]
         tau = self._tau = row[at_tau:at_x]
         self._start = None

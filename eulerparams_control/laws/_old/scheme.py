@@ -8,10 +8,10 @@ import numpy as np
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws._old.chain import arm_width
 from eulerparams_control.laws._old.compiled import Input, Inputs, entry, kernel, layout
+from eulerparams_control.laws._old.frames import Frame, TipLimits, frame_of, limits_row
 from eulerparams_control.laws._old.linear import Mat, Vec, mat, norm, vec
 from eulerparams_control.laws._old.rotations import Array, angle_between
-from eulerparams_control.motion.frames import DesiredFrame, frame_of
-from eulerparams_control.motion.motion_limits import NO_LIMITS, MotionLimits, TipLimits
+from eulerparams_control.motion.motion_limits import MotionLimits
 
 
 class TipBounds(NamedTuple):
@@ -29,7 +29,7 @@ FAR, TURNED = -1, -2
 
 
 @kernel
-def too_far(desired: DesiredFrame, p_e: Vec, R_e: Mat, bounds: TipBounds) -> int:
+def too_far(desired: Frame, p_e: Vec, R_e: Mat, bounds: TipBounds) -> int:
     """Return FAR, TURNED, or 0 where the tip is within these errors of the desired frame."""
     if norm(desired.p_d - p_e) > bounds.position:
         return FAR
@@ -58,8 +58,7 @@ def tick_places(n: int) -> tuple[int, int, int, int]:
 
 def bounds_row(position: float, rotation: float, motion: MotionLimits | None) -> Array:
     """Return them with the limits of the tip, if there are any, as :class:`TipBounds`."""
-    most = NO_LIMITS.row if motion is None else motion.row
-    return np.array([position, rotation, *most])
+    return np.array([position, rotation, *limits_row(motion)])
 
 
 def check_gains(law: object, *names: str) -> None:
