@@ -85,7 +85,7 @@ class Scene:
 
         @self._target.on_update
         async def _(event: viser.TransformControlsEvent) -> None:  # in order: on the event loop
-            R = viser.transforms.SO3(event.target.wxyz).as_matrix()
+            R = np.asarray(viser.transforms.SO3(event.target.wxyz).as_matrix(), dtype=float)
             at = Placement(R, np.array(event.target.position))
             if event.client_id is not None:
                 on_drag(event.client_id + 1, event.phase, at)

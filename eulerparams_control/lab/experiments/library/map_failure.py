@@ -54,7 +54,7 @@ def peak_speed(
     """
     omega, noise = desired(0.0).omega_d, NOISE * random.normal(size=(_STEPS, 3))
     k_Po, k_Vo = RATE**2 / law.slope, 2 * RATE  # the same for small errors
-    turns, peak, is_lost, x_de = omega.any(), 0.0, False, None
+    turns, peak, is_lost, x_de = bool(omega.any()), 0.0, False, None
     for i in range(_STEPS):
         target = desired(i * _DT)
         is_lost = angle_between(R, target.R_d) > SETTLED or (is_lost and turns)
