@@ -157,11 +157,10 @@ def test_a_stiffness_that_a_program_swings_in_contact_is_no_chatter(loop):
     for k in range(3000):
         if k % 20 == 0:
             K = 2550 - 2450 * math.cos(math.tau * 2 * k * DT)
-            law = ImpedanceParameters(K_p=(K,) * 3).impedance_law(UR5)
-            arm.scheme.change_impedance(law.compliance)
+            arm.scheme.change_impedance(ImpedanceParameters(K_p=(K,) * 3).compliance_law(UR5))
         moves = k * DT * 0.05 < 0.02
         arm.step(wall(1e4), min(k * DT * 0.05, 0.02), 0.05 if moves else 0.0)
-        assert arm.scheme.energy_left > 0.1
+        assert arm.scheme.compliant.energy_left > 0.1
     assert arm.found == []
     assert 25.0 < np.ptp(arm.f[1500:]) < 33.3
 
@@ -224,11 +223,10 @@ def test_the_damping_goes_back_when_the_tool_was_free_for_a_while():
     assert back - left == pytest.approx(2.0, abs=0.3)  # from where less than the ripple is felt
 
 
-def test_the_law_that_is_changed_meanwhile_is_the_one_that_counts():
+def test_parameters_that_are_changed_meanwhile_count_with_their_own_damping():
     arm = Admittance(*LOOPS["UR5e"]).run(1.0, wall(2e4), 0.03)
     assert arm.scheme.damping == 3.0
-    law, motion = arm.scheme.law, arm.scheme.motion
-    arm.scheme.replace_law(replace(law, ripple_force=1e5), None, None, motion.limits)
+    arm.scheme.change(replace(arm.scheme.parameters, max_ripple_force=1e5))
     assert arm.scheme.damping == 1.0
     arm.run(1.0, wall(2e4), 0.03)
     assert arm.ripple > 20.0
@@ -259,11 +257,11 @@ def test_a_contact_oscillates_from_the_stiffness_on_that_is_computed(loop, D):
 
 def test_an_impedance_that_is_too_fast_for_a_late_servo_is_refused_with_what_it_needs():
     late = {"servo_lag": 0.04, "servo_delay": 0.01}
+    damped, soft = {"D_p": (2600.0,) * 3}, {"D_p": (100.0,) * 3}
     with pytest.raises(ConfigurationError, match="stable on contacts of up") as no:
-        ImpedanceParameters(**late, D_p=(100.0,) * 3).impedance_law(UR5)
-    said = str(no.value)
-    assert "up to 1.46e+03 N/m; expected stiffest_contact 100000 N/m: give D_p of 2.59e+03" in said
-    ImpedanceParameters(**late, D_p=(2600.0,) * 3).impedance_law(UR5)
-    ImpedanceParameters(**late, D_p=(100.0,) * 3, stiffest_contact=1.4e3).impedance_law(UR5)
-    ImpedanceParameters(D_p=(100.0,) * 3).impedance_law(UR5)
+        ImpedanceParameters(**late, **soft).compliance_law(UR5)
+    expected = "up to 1.46e+03 N/m; expected stiffest_contact 100000 N/m: give D_p of 2.59e+03"
+    assert expected in str(no.value)
+    for possible in (late | damped, late | soft | {"stiffest_contact": 1.4e3}, soft):
+        ImpedanceParameters(**possible).compliance_law(UR5)
     assert stiffest_contact(ImpedanceParameters().translation(), 0.0, 0.0) == math.inf
