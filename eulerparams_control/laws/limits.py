@@ -66,6 +66,11 @@ class JointLimits:
         """All limits (5, n) in the order of the attributes, as the primitives take them."""
         return np.array([self.lower, self.upper, self.velocity, self.effort, self.acceleration])
 
+    @cached_property
+    def without_accelerations(self) -> "JointLimits":
+        """The limits without those of the accelerations."""
+        return replace(self, acceleration=np.array(math.inf))
+
     @property
     def effort_rate(self) -> Array:
         """(n,) [Nm/s] at which efforts may change, if nothing else is said.

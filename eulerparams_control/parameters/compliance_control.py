@@ -3,8 +3,9 @@
 import math
 from dataclasses import dataclass
 
-from eulerparams_control.laws.compliance_control import BLEND_TIME, ComplianceControl, ElasticLaw
+from eulerparams_control.laws.compliance_control import ComplianceControl
 from eulerparams_control.laws.compliant_frame import TRANSLATIONAL_FRAMES
+from eulerparams_control.laws.elasticity import Elasticity
 from eulerparams_control.laws.impedance_matrices import symmetric_matrix
 from eulerparams_control.parameters.common import ControlParameters
 from eulerparams_control.parameters.efforts import EffortParameters
@@ -50,14 +51,12 @@ class ComplianceParameters(EffortParameters, scheme="compliance_control"):
     max_error_position: float = other_default(ControlParameters, "max_error_position", 10.0)
     max_error_rotation: float = other_default(ControlParameters, "max_error_rotation", math.pi)
 
-    def law(self) -> ElasticLaw:
-        """Return the law with these parameters; raises ConfigurationError."""
-        return ElasticLaw(
+    def elasticity(self) -> Elasticity:
+        """Return the springs with these parameters; raises ConfigurationError."""
+        return Elasticity(
             self.representation(),
             symmetric_matrix("K_p", self.K_p, self.K_p_axes),
             symmetric_matrix("K_o", self.K_o, self.K_o_axes),
-            self.damping_ratio_p,
-            self.damping_ratio_o,
             self.error_clip_position,
             self.error_clip_rotation,
             self.translational_frame,
@@ -65,10 +64,8 @@ class ComplianceParameters(EffortParameters, scheme="compliance_control"):
 
     def make_scheme(self, robot: Robot) -> ComplianceControl:
         """Return compliance control for a robot; raises ConfigurationError."""
-        bounds = self.effort_limits(robot)
-        return ComplianceControl(robot, self.law(), self.dynamics(robot), bounds, BLEND_TIME)
+        return ComplianceControl(robot, self)
 
     def change_scheme(self, scheme: ComplianceControl) -> None:
         """Let a running scheme go over to these parameters; raises ConfigurationError."""
-        bounds = self.effort_limits(scheme.robot)
-        scheme.replace_law(self.law(), self.dynamics(scheme.robot), bounds)
+        scheme.change(self)

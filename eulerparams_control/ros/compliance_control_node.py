@@ -4,10 +4,13 @@ import sys
 from typing import Any
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import WrenchStamped
+from sensor_msgs.msg import JointState
 
 from eulerparams_control.control.controller import Controller
-from eulerparams_control.laws.compliance_control import ComplianceControl, Springs, effects_of
+from eulerparams_control.laws.compliance_control import ComplianceControl
+from eulerparams_control.laws.elasticity import Elasticity
 from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.laws.scheme import Tick
 from eulerparams_control.messages.to_ros import springs_to_ros
@@ -19,6 +22,9 @@ from eulerparams_control.ros.rviz import Stiffness
 from eulerparams_control.ros.target_wrench import TargetWrench
 from eulerparams_control.ros.targets import Topics
 
+# Those that act, and the part of where their clips are stated.
+Springs = tuple[Elasticity, float]
+
 
 class ComplianceControlNode(ControlNode):
     """Compliance control of one arm."""
@@ -27,9 +33,7 @@ class ComplianceControlNode(ControlNode):
 
     def _subscribe(self) -> None:
         self._pressing = TargetWrench(self._input)
-        self._impedance = ImpedancePublisher[Springs](
-            self, lambda now, stamp: springs_to_ros(now.law.K_p, now.law.K_o, now.clips, stamp)
-        )
+        self._impedance = ImpedancePublisher[Springs](self, _springs_to_ros)
         super()._subscribe()
 
     def leaders(self) -> Topics:
@@ -55,11 +59,11 @@ class ComplianceControlNode(ControlNode):
         scheme = self._controller.scheme if self._controller else None
         if not isinstance(scheme, ComplianceControl):
             return None
-        return scheme.law.stiffness(tick.desired.R_d), tick.state.p_e
+        return scheme.elasticity.stiffness(tick.desired.R_d), tick.state.p_e
 
     def values_of(self, tick: Tick) -> dict[str, str | int | float]:
         """Return what /diagnostics shows of a tick."""
-        effects, scheme = effects_of(tick), self._controller and self._controller.scheme
+        effects, scheme = tick.effects, self._controller and self._controller.scheme
         fed = scheme.fed if isinstance(scheme, ComplianceControl) else np.zeros(3)
         return {
             "force fed forward [N]": float(np.linalg.norm(fed)),
@@ -68,6 +72,12 @@ class ComplianceControlNode(ControlNode):
             "elastic energy [J]": effects.energy,
             "their clips lowered by": effects.lowered,
         }
+
+
+def _springs_to_ros(springs: Springs, stamp: Time) -> JointState:
+    elasticity, clip_share = springs
+    clips = clip_share * elasticity.clip_position, clip_share * elasticity.clip_rotation
+    return springs_to_ros(elasticity.K_p, elasticity.K_o, clips, stamp)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -136,7 +136,7 @@ def _force(msg: Any, scheme: Scheme, q: Array, R_d: Array) -> Array:
         return _regulated(scheme, scheme.centre.R.T @ f)
     assert isinstance(scheme, ComplianceControl)
     try:
-        scheme.law.refuse_force(R_d @ f, R_d)
+        scheme.elasticity.refuse_force(R_d @ f, R_d)
     except ConfigurationError as error:
         raise InvalidMessageError(str(error)) from error
     return f

@@ -5,7 +5,6 @@ that was not recorded.  They are taken at the recorded poses of tip and desired 
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -21,7 +20,7 @@ from eulerparams_control.analysis.quantities.base import (
 from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.stacks import rotation_vectors
 from eulerparams_control.errors import BagError, SingularityError
-from eulerparams_control.laws.compliance_control import ElasticLaw
+from eulerparams_control.laws.elasticity import Elasticity
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.parameters.compliance_control import ComplianceParameters
@@ -30,7 +29,7 @@ from eulerparams_control.parameters.compliance_control import ComplianceParamete
 def _springs(recording: Recording) -> tuple[Array, Array]:
     """Return wrench (M, 6) and energy (M,) at the instants ``known``; NaN where is none."""
     series, known = recording.leading, recording.known
-    law_of = _laws(recording)
+    elasticity_of = _elasticities(recording)
     acting, places = recording.acting, np.full(len(known), -1)
     if acting is not None:
         places = acting.before(series.t[known])
@@ -38,28 +37,28 @@ def _springs(recording: Recording) -> tuple[Array, Array]:
     for i, (k, place) in enumerate(zip(known, places.tolist(), strict=True)):
         desired = DesiredFrame(series.desired.p[k], series.desired.R[k])
         try:
-            pull = law_of(place).pull(series.p_e[k], series.R_e[k], desired)
+            pull = elasticity_of(place).wrench(series.p_e[k], series.R_e[k], desired)
         except SingularityError:
             continue
         w[i], energy[i] = [*pull.f, *pull.mu], pull.energy
     return w, energy
 
 
-def _laws(recording: Recording) -> Callable[[int], ElasticLaw]:
-    """Return what has the law that acted from a place of ~/impedance on; -1 is before the first."""
+def _elasticities(recording: Recording) -> Callable[[int], Elasticity]:
+    """Return the springs that acted from a place of ~/impedance on; -1 is before the first."""
     parameters, acting = controller_parameters(recording, ComplianceParameters), recording.acting
     with parameters_to_blame(parameters.scheme.name):
-        stated = parameters.law()
+        stated = parameters.elasticity()
 
     @cache
-    def law_of(place: int) -> ElasticLaw:
+    def elasticity_of(place: int) -> Elasticity:
         if place < 0 or acting is None:
             return stated
         _, _, K_p, _, _, K_o = acting.matrices[place]
         clips = acting.numbers[place, 36:].tolist()
-        return replace(stated, K_p=K_p, K_o=K_o, clip_position=clips[0], clip_rotation=clips[1])
+        return Elasticity(stated.orientation, K_p, K_o, *clips, stated.frame)
 
-    return law_of
+    return elasticity_of
 
 
 @metric("")
