@@ -3,7 +3,6 @@
 import sys
 from typing import Any
 
-from eulerparams_control.laws._old.frames import frame_of_row
 from eulerparams_control.laws.clik import Clik
 from eulerparams_control.laws.dynamic_control import DynamicControl
 from eulerparams_control.ros import clik_node, dynamic_control_node, ending, runtime
@@ -28,20 +27,19 @@ def main() -> int:
     """Run the node named by the first argument with a defect in a timer."""
     ending.LONGEST = runtime._STOP_SECONDS = PATIENCE
     node, run, scheme = NODES[sys.argv[1]]
-    step = scheme.step
+    tick = scheme.tick
     moved = []
 
-    def noticing_step(self: Any, dt: float, q: Any, dq: Any, desired: Any) -> Any:
-        dp_d = frame_of_row(desired).dp_d
-        moved.extend([True] * bool(dp_d @ dp_d > MOVES**2))
-        return step(self, dt, q, dq, desired)
+    def noticing_tick(self: Any, dt: float, q: Any, dq: Any, desired: Any) -> Any:
+        moved.extend([True] * bool(desired.dp_d @ desired.dp_d > MOVES**2))
+        return tick(self, dt, q, dq, desired)
 
     def values_now(_self: Any) -> dict[str, Any]:
         if moved:
             raise ZeroDivisionError("planted in a timer")
         return {}
 
-    scheme.step = noticing_step  # type: ignore[method-assign]
+    scheme.tick = noticing_tick  # type: ignore[method-assign]
     node.values_now = values_now  # type: ignore[method-assign]
     return run(sys.argv[2:])
 

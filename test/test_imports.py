@@ -13,7 +13,7 @@ MODULES = {
 # From the ground up: a module imports what is on its own floor or below.
 FLOORS = (
     ("errors", "events", "resources", "command_line", "parameters.fields", "parameters.real_time"),
-    ("laws._old.compiled", "laws._old.linear", "laws._old.rotations", "laws.jit", "laws.rotations"),
+    ("laws.jit", "laws.rotations"),
     ("motion",),
     ("laws.impedance_matrices", "laws.orientation", "motion.way_points"),
     ("robot.urdf",),

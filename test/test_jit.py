@@ -61,7 +61,7 @@ def test_another_representation_compiles_nothing(name):
     scheme.reset(home)
     with counted() as compilations:
         for orientation in ORIENTATIONS:
-            parameters(tip_frame=ur5.tip_frame, orientation=orientation).change_scheme(scheme)
+            scheme.change(parameters(tip_frame=ur5.tip_frame, orientation=orientation))
             scheme.tick(1e-3, home, np.zeros(6), scheme.frame_at(home))
     assert compilations.count == 0
 

@@ -116,7 +116,7 @@ class Product:
         """Go over to other parameters, as a running node does."""
         self._values = self._values | values
         parameters = from_mapping(self._info.parameters, self._values)
-        parameters.change_scheme(self._scheme)
+        self._scheme.change(parameters)
         self.controller.changed(ControllerOptions.of(parameters))
 
     def at(self, receipt: float | None) -> None:

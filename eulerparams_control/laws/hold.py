@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws._old.compiled import Array
 from eulerparams_control.laws.limits import JointLimits, factor_within
+from eulerparams_control.laws.rotations import Array
 from eulerparams_control.robot.robot import DynamicState
 
 # Least force [N] of a contact: as it is measured; as it is estimated, for a tip at rest, and for

@@ -163,6 +163,10 @@ class Scheme(ABC):
         """Take the efforts (n,) that act until the first command; None: they are not known."""
 
     @abstractmethod
+    def change(self, parameters: Any) -> None:
+        """Go over to other parameters, without a jump of the command; raises ConfigurationError."""
+
+    @abstractmethod
     def reset(self, q: Array) -> None:
         """Forget the past; begin at the measured positions q (n,)."""
 

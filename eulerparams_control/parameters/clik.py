@@ -29,7 +29,3 @@ class ClikParameters(ControlParameters, scheme="clik", control=POSITION):
     def make_scheme(self, robot: Robot) -> Clik:
         """Return CLIK for a robot."""
         return Clik(robot, self)
-
-    def change_scheme(self, scheme: Clik) -> None:
-        """Let a running CLIK go over to these parameters; raises ConfigurationError."""
-        scheme.change(self)

@@ -65,7 +65,3 @@ class ComplianceParameters(EffortParameters, scheme="compliance_control"):
     def make_scheme(self, robot: Robot) -> ComplianceControl:
         """Return compliance control for a robot; raises ConfigurationError."""
         return ComplianceControl(robot, self)
-
-    def change_scheme(self, scheme: ComplianceControl) -> None:
-        """Let a running scheme go over to these parameters; raises ConfigurationError."""
-        scheme.change(self)

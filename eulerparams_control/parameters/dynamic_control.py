@@ -14,7 +14,3 @@ class DynamicParameters(ResolvedParameters, scheme="dynamic_control"):
     def make_scheme(self, robot: Robot) -> DynamicControl:
         """Return dynamic control for a robot."""
         return DynamicControl(robot, self)
-
-    def change_scheme(self, scheme: DynamicControl) -> None:
-        """Let a running scheme go over to these parameters; raises ConfigurationError."""
-        scheme.change(self)

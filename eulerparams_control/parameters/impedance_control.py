@@ -306,10 +306,6 @@ class ImpedanceParameters(
         """
         return ImpedanceControl(robot, self, chain)
 
-    def change_scheme(self, scheme: ImpedanceControl) -> None:
-        """Let a running scheme go over to these parameters; raises ConfigurationError."""
-        scheme.change(self)
-
     def _refuse_late(self, Z: Impedance) -> None:
         """Raise ConfigurationError for a servo that is too late for the contact expected, (CB2)."""
         lag, delay, stiffness = self.servo_lag, self.servo_delay, self.stiffest_contact

@@ -72,7 +72,7 @@ class ImpedanceControlNode(ControlNode):
         """Go over to new parameters; raises ConfigurationError."""
         assert isinstance(scheme, ImpedanceControl)
         target = self._target.kept(parameters)
-        target.of(parameters).change_scheme(scheme)
+        scheme.change(target.of(parameters))
         self._target = target
         self._contact.wrenches.clear()  # they are of another tool or bias
 

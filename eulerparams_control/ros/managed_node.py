@@ -83,7 +83,7 @@ class ManagedNode(LifecycleNode):
 
     def change_scheme(self, scheme: Scheme, parameters: Any) -> None:
         """Change a running scheme to new parameters; raises ConfigurationError."""
-        parameters.change_scheme(scheme)
+        scheme.change(parameters)
 
     def make_commands(self, joints: tuple[str, ...]) -> Commands:
         """Return the publisher of the scheme's commands."""

@@ -25,7 +25,6 @@ from abc import abstractmethod
 
 import numpy as np
 
-import eulerparams_control.lab.as_shipped._old_laws  # noqa: F401  for laws that take formulas
 from eulerparams_control.laws.impedance_matrices import Matrices
 from eulerparams_control.laws.orientation.angle_axis import AngleAxisRepresentation
 from eulerparams_control.laws.orientation.euler_parameters import (

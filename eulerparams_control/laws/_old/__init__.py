@@ -1,1 +1,0 @@
-"""Laws that are not yet open Python, and what they are written in."""
