@@ -22,7 +22,7 @@ Notation: ``Lambda`` (6, 6) inertia of the tip (J B^-1 J')^-1, ``K`` (6, 6) its 
 """
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -39,7 +39,6 @@ from eulerparams_control.robot.robot import DynamicState
 
 if TYPE_CHECKING:
     from eulerparams_control.parameters.compliance_control import ComplianceParameters
-    from eulerparams_control.parameters.efforts import EffortParameters
 
 # Modes that are slower [1/s] are damped as if they had this rate: near a singularity one has none.
 _LEAST_OMEGA = 1.0
@@ -264,7 +263,7 @@ class ComplianceControl(EffortControl):
     parameters: "ComplianceParameters"
     _mode: tuple[float, float] | None = None  # rate and turning of the fastest one
 
-    def _take(self, parameters: "EffortParameters") -> None:
+    def _take(self, parameters: Any) -> None:
         elasticity = parameters.elasticity()
         super()._take(parameters)
         self.elasticity = elasticity

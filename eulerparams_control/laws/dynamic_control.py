@@ -118,7 +118,7 @@ class EffortControl(Scheme):
         self._take(parameters)
         self.reset(np.zeros(robot.n))
 
-    def _take(self, parameters: "EffortParameters") -> None:
+    def _take(self, parameters: Any) -> None:
         self.dynamics.take(parameters)
         self.parameters, self.orientation = parameters, parameters.representation()
         self._motion = parameters.motion_limits()
@@ -312,7 +312,7 @@ class DynamicControl(EffortControl):
 
     parameters: "ResolvedParameters"
 
-    def _take(self, parameters: "EffortParameters") -> None:
+    def _take(self, parameters: Any) -> None:
         super()._take(parameters)
         self.loop_rate = self.fastest_gain.rate
 
