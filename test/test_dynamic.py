@@ -27,6 +27,7 @@ from arms import (
 from samples import about, generator
 from tolerances import ALGEBRAIC, ERROR_EQUATION, NO_JUMP, NULL_SPACE, RELATIVE, assert_close
 
+from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.errors import (
     ConfigurationError,
@@ -40,6 +41,7 @@ from eulerparams_control.laws.inverse import sigma_min
 from eulerparams_control.laws.inverse_dynamics import joint_acceleration
 from eulerparams_control.laws.orientation import ORIENTATIONS
 from eulerparams_control.laws.rotations import angle_between
+from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import way_points
 from eulerparams_control.parameters.dynamic_control import DynamicParameters
@@ -371,15 +373,13 @@ def test_a_smaller_limit_of_the_effort_is_approached_at_the_rate():
 def test_efforts_begin_at_what_acts_and_ramp_each_at_its_rate(reported, compensated):
     rate, home, start = np.linspace(500.0, 1000.0, 6), pose_of(UR5, HOME), compensated * gravity()
     scheme = limited(max_effort_rate=tuple(rate), compensate_gravity=compensated)
-    controller = Controller(scheme, ControllerOptions(), HOME, reported)
-    command = controller.step(T_0, HOME, STILL)
+    Controller(scheme, ControllerOptions(), HOME, reported)
     if compensated and reported is not None and reported.any() and np.isfinite(reported).all():
         start = reported
     goal = home._replace(p_d=home.p_d + [0.0, 0.05, 0.09])
-    times = DT * np.array([1.0, 2.0, 5.0, 1.0, 0.1])
+    times = DT * np.array([0.0, 1.0, 2.0, 5.0, 1.0, 0.1])
     efforts = [scheme.tick(t, HOME, STILL, goal).command.effort for t in times]
-    steps = np.abs(np.diff([start, command.effort, *efforts], axis=0))
-    most = np.array([DT, *times])[:, None] * rate
+    steps, most = np.abs(np.diff([start, *efforts], axis=0)), np.maximum(times, DT)[:, None] * rate
     assert (steps <= most + 1e-12).all()
     assert np.isclose(steps, most).any()
 
@@ -526,19 +526,41 @@ def test_a_stop_under_efforts_keeps_the_acceleration_and_does_not_swing():
     assert_close(plant.q, end, 1e-3)
 
 
-@pytest.mark.parametrize("make", [clik, free])
-def test_the_posture_of_a_joint_without_limits_is_the_same_by_any_turn(make):
-    robot, q = robot_of("panda"), np.array(load_robot("panda").home)
+# --- joints that turn on and on ------------------------------------------------------------
+TURN = 2 * math.pi * np.eye(7)[0]
+
+
+def turning():
+    """Return a seven-joint arm whose first joint has no limits, and its home."""
+    robot = robot_of("panda")
     robot.limits.lower[0], robot.limits.upper[0] = -math.inf, math.inf
     robot.limits = replace(robot.limits)
+    return robot, np.array(load_robot("panda").home)
+
+
+@pytest.mark.parametrize("make", [clik, free])
+def test_the_posture_is_the_same_by_any_turn(make):
+    robot, q = turning()
     scheme, desired = make(robot=robot, posture=tuple(q + 0.2)), pose_of(robot, q)
     values = []
-    for turns in (0, 1, -1):
-        measured = q + 2 * math.pi * turns * np.eye(7)[0]
+    for measured in (q, q + TURN, q - TURN):
         scheme.reset(measured)
         command = scheme.tick(DT, measured, np.zeros(7), desired).command
         values.append(command.dq if command.effort is None else command.effort)
     assert_close(values[1:], [values[0]] * 2, 1e-9)
+
+
+def test_a_restart_goes_on_by_the_turn_commanded_and_the_limiter_never_the_long_way():
+    (robot, q), still = turning(), np.zeros(7)
+    scheme = clik(limited=True, robot=robot, q=q + TURN)
+    scheme.resume(q + 0.01)  # wrapped by its driver
+    q_c = scheme.tick(DT, q, still, scheme.start_frame()).command.q
+    assert_close(q_c, q + TURN + 0.01, ALGEBRAIC)
+    limiter = CommandLimiter(robot.limits)
+    limiter(JointCommand(q + TURN, still), q, DT, DT)
+    for _ in range(1000):
+        command = limiter(JointCommand(q, still), q, DT, DT)
+        assert_close(command.q, q + TURN, 1e-12)
 
 
 # --- bad input -----------------------------------------------------------------------------
