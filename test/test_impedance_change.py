@@ -134,6 +134,27 @@ def test_on_the_way_from_any_matrices_to_others_all_stay_positive():
             assert min(np.linalg.eigvalsh(Z).min() for Z in (there.M, there.D, there.K)) > 0
 
 
+@pytest.mark.parametrize(
+    ("light", "heavy"), [((0.5, 65.0), (100.0, 5000.0)), ((0.1, 95.0), (9.0, 8500.0))]
+)
+@pytest.mark.parametrize("dt", [1e-3, 1e-2])
+def test_a_change_of_mass_and_damping_stays_stable_and_has_a_law_at_each_instant(light, heavy, dt):
+    """M^-1 linear in s would move at 2.5e3 and 2e4 1/s on the way, beyond MAX_RATE and any step."""
+    laws = [
+        ComplianceLaw(make("euler_parameters"), *(Impedance(M * I, D * I, 500.0 * I),) * 2)
+        for M, D in (light, heavy)
+    ]
+    push = np.array([5.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    compliant = CompliantFrame(laws[0])
+    frames = [compliant.step(dt, DESIRED, push) for _ in range(round(1.0 / dt))]
+    for law in (*laws[::-1], laws[1]):
+        compliant.change_impedance(law)
+        for _ in range(20):
+            frames.append(compliant.step(dt, DESIRED, push))
+            assert compliant.law_now.rate <= 2.0 * max(law.rate for law in laws)  # (IC3)
+    assert max(np.linalg.norm(frame.p_d) for frame in frames) < 1.05 * 5.0 / 500.0
+
+
 @every_representation
 def test_what_acts_on_the_way_is_what_the_law_of_now_says(name):
     push = np.array([3.0, 2.0, 1.0, 0.3, 0.2, 0.1])

@@ -40,6 +40,9 @@ TRANSLATIONAL_FRAMES = ("base", "desired")
 # The faster of both impedances [1/s]: beyond it a step at 1 kHz would have to be split too often.
 MAX_RATE = 1000.0
 
+# The same on the way from one impedance to another, (IC3).
+_ON_THE_WAY = 2.0 * MAX_RATE
+
 # Product of rate and step that Runge-Kutta's method integrates well.
 _STEP = 0.5
 
@@ -56,8 +59,6 @@ _EMPTY = 0.01
 
 # Deviation from its extrapolated motion [m, rad; m/s, rad/s] from which a desired frame has jumped.
 _JUMP, _VELOCITY_JUMP = 1e-5, 1e-2
-
-_NONE = np.zeros(3)
 
 
 def impedance_rates(
@@ -89,6 +90,7 @@ class ComplianceLaw:
         rotation: M_o, D_o, K_o.
         frame: whose axes M_p, D_p and K_p refer to, "base" or "desired".
         bounds: of the displacement and its speed.
+        max_rate: [1/s] of the faster impedance.
         Z_p, Z_o: the matrices, the rotational ones in the coordinates of the representation.
 
     Raises:
@@ -100,6 +102,7 @@ class ComplianceLaw:
     rotation: Impedance
     frame: str = "base"
     bounds: ComplianceBounds = field(default_factory=ComplianceBounds)
+    max_rate: float = field(default=MAX_RATE, repr=False, compare=False)
     Z_p: Matrices = field(init=False, repr=False, compare=False)
     Z_o: Matrices = field(init=False, repr=False, compare=False)
 
@@ -109,10 +112,10 @@ class ComplianceLaw:
         object.__setattr__(self, "Z_p", self.translation.values)
         object.__setattr__(self, "Z_o", self.orientation.impedance(self.rotation).values)
         for name, Z in (("_p", self.translation), ("_o", self.rotation)):
-            if Z.rate > MAX_RATE:
+            if Z.rate > self.max_rate:
                 raise ConfigurationError(
                     f"M{name} is too small for D{name} or K{name}: the impedance moves at "
-                    f"{Z.rate:.4g} 1/s; at most {MAX_RATE:g} 1/s is possible: raise M{name}"
+                    f"{Z.rate:.4g} 1/s; at most {self.max_rate:g} 1/s is possible: raise M{name}"
                 )
 
     def damped(self, times: float) -> "ComplianceLaw":
@@ -170,13 +173,13 @@ class CompliantFrame:
 
     @property
     def law_now(self) -> ComplianceLaw:
-        """The equations of now."""
+        """The equations of now; on the way of a change they may be twice as fast, (IC3)."""
         s, before, law = self.changed, self._before, self.law
         if s == 1.0:
             return law
         translation = impedance_between(before.translation, law.translation, s)
         rotation = impedance_between(before.rotation, law.rotation, s)
-        return replace(law, translation=translation, rotation=rotation)
+        return replace(law, translation=translation, rotation=rotation, max_rate=_ON_THE_WAY)
 
     @property
     def waits(self) -> bool:
@@ -390,8 +393,10 @@ class CompliantFrame:
             return law.Z_p, law.Z_o, law.rate
         if self._known > _Known.FRAME:  # else the displacement is not known
             self._go_on(dt)
+        if self.changed == 1.0:
+            return law.Z_p, law.Z_o, law.rate
         Z_p, Z_o = self._changed_to(self.changed)
-        return Z_p, Z_o, max(law.rate, self._before.rate)
+        return Z_p, Z_o, 2.0 * max(law.rate, self._before.rate)  # (IC3)
 
     def _changed_to(self, s: float) -> tuple[Matrices, Matrices]:
         """Return the matrices of a change that is at s."""

@@ -7,12 +7,13 @@ stiffness, 2013).  So all that the contact is ever given is what it gave, and on
 
     s        = how far the change is, from 0 to 1; ds = (1 - s) / T                           (IC1)
     K(s)     = W^2, W = (1 - s) K_0^1/2 + s K_1^1/2                                           (IC2)
-    M(s)^-1  = (1 - s) M_0^-1 + s M_1^-1, D(s) = (1 - s) D_0 + s D_1                          (IC3)
+    M(s)     = (1 - s) M_0 + s M_1, D(s) = (1 - s) D_0 + s D_1                                (IC3)
     E(s)     = (dx' M dx + x' K x) / 2 + (dy' M_o dy) / 2 + U(K_o), at the displacement x, y  (IC4)
     dt_tank  = dx' D dx + dy' D_o dy - (dE/ds) ds, from 0 to the most                         (IC5)
 
 With D = 2 zeta (M K)^1/2 at both ends the damping ratio zeta holds all the way (IC2, IC3), where M
-stays and has the axes of K.
+stays and has the axes of K.  By (IC2), (IC3) the ratios v'Dv / v'Mv and v'Kv / v'Mv are on the way
+no larger than at one of the ends, so that the rate is at most twice that of the faster one.
 
 Notation: ``Z_0, Z_1`` (M, D, K) of before and after, ``dip`` (3, 3) by which K(s) is less than
 what is linear in s, at s (1 - s) = 1.
@@ -41,7 +42,7 @@ def dip_of(K_0: Array, K_1: Array) -> Array:
 def between(s: float, Z_0: Matrices, Z_1: Matrices, dip: Array) -> Matrices:
     """Return M^-1, D, K on the way, (IC2), (IC3)."""
     return Matrices(
-        (1.0 - s) * Z_0.M_inverse + s * Z_1.M_inverse,
+        inverse((1.0 - s) * inverse(Z_0.M_inverse) + s * inverse(Z_1.M_inverse)),
         (1.0 - s) * Z_0.D + s * Z_1.D,
         (1.0 - s) * Z_0.K + s * Z_1.K - s * (1.0 - s) * dip,
     )
@@ -50,10 +51,11 @@ def between(s: float, Z_0: Matrices, Z_1: Matrices, dip: Array) -> Matrices:
 def impedance_between(Z_0: Impedance, Z_1: Impedance, s: float) -> Impedance:
     """Return the impedance on the way from one to another, (IC2), (IC3)."""
     dip = dip_of(Z_0.K, Z_1.K)
-    M_inverse, D, K = between(s, Z_0.values, Z_1.values, dip)
-    K = K if np.any(dip) else Z_1.K  # freed of rounding
-    M = np.linalg.inv(M_inverse)
-    return replace(Z_1, M=(M + M.T) / 2, D=D, K=(K + K.T) / 2)
+    M = (1.0 - s) * Z_0.M + s * Z_1.M
+    D, K = between(s, Z_0.values, Z_1.values, dip)[1:]
+    if not np.any(dip):  # K stays, to the bit
+        K = Z_1.K
+    return replace(Z_1, M=M, D=D, K=(K + K.T) / 2)
 
 
 def kinetic(Z: Matrices, v: Array) -> float:

@@ -8,6 +8,7 @@ Notation: ``h`` (6,) [N, Nm] wrench of the end effector on the environment: minu
 wrench ``w`` = (f, mu) of the environment on the end effector; base frame, about the tip.
 """
 
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -201,7 +202,7 @@ class ImpedanceControl(Scheme):
         self.motion.change(parameters)
         self.loop_rate = self.motion.loop_rate
         now = self.compliant.law_now
-        kept = ComplianceLaw(law.orientation, now.translation, now.rotation, law.frame, law.bounds)
+        kept = replace(now, orientation=law.orientation, frame=law.frame, bounds=law.bounds)
         self.compliant.replace_law(kept, (self.centre.inverse, centre))
         self.compliant.limit_energy(parameters.stiffness_energy)
         self.compliant.change_impedance(law)
