@@ -48,7 +48,7 @@ class Admittance:
         self.n = n
         p = ImpedanceParameters(command_type="none", **parameters)
         self.scheme = p.make_scheme(UR5)
-        self.servo = ClikParameters().make_scheme(UR5)
+        self.servo = ClikParameters(enforce_limits=False).make_scheme(UR5)
         self.share = -math.expm1(-DT / lag) if lag else 1.0
         self.q, self.late = HOME, deque([HOME], maxlen=max(1, round(delay / DT)))
         self.felt = deque(maxlen=1 + round(sensed_late / DT))

@@ -109,18 +109,6 @@ def test_the_rate_is_that_of_the_fastest_mode():
         assert Z.rate == pytest.approx(np.abs(poles_of(Z)).max(), rel=MODES)
 
 
-@pytest.mark.parametrize(
-    ("M", "D", "K", "rate"),
-    [
-        (2.0, 0.0, 50.0, 5.0),  # undamped: sqrt(K / M)
-        (0.5, 10.0, 0.0, 20.0),  # without a spring: D / M
-        (1.0, 7.0, 10.0, 5.0),  # (s + 2) (s + 5)
-    ],
-)
-def test_the_rate_along_one_axis_has_a_closed_form(M, D, K, rate):
-    assert Impedance(M * I, D * I, K * I).rate == pytest.approx(rate, rel=MODES)
-
-
 def test_other_coordinates_have_the_same_energy_power_and_rate():
     samples = zip(*(positive_definite(COUNT, key) for key in (9, 10, 11)), strict=True)
     for Z, y, T in zip(map(Impedance, *zip(*samples, strict=True)), vectors(COUNT), uniform(COUNT),

@@ -369,7 +369,8 @@ class ImpedanceControl(Scheme):
             refuse_wrench(self.chain.moment, p.max_contact_torque, "Nm", "max_contact_torque")
         w = self._blend(dt, w)
         self._blend.keep()
-        # where it is found again the impedance takes it at once, or K_p p_cd had no counterpart
+        # A wrench that returns acts on the impedance at once, since it balances K_p p_cd; only its
+        # compensation in (48) fades in.
         h = -self._fade(dt, w)
         self._fade.keep()
         self._w, self._h = w, h
