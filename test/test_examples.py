@@ -1,5 +1,6 @@
 """The examples, as their users run them: real processes, in real time where time is theirs."""
 
+import re
 import signal
 import subprocess
 import sys
@@ -27,11 +28,38 @@ LOCKSTEP = {"mode": "lockstep"}, {"use_sim_time": True}  # of the bridge, of a c
 pytestmark = pytest.mark.slow
 
 
-def test_each_example_is_short_and_told_of():
-    told = (FOLDER.parent / "docs" / "examples.md").read_text(encoding="utf-8")
+def test_each_example_is_short_and_documented():
+    page = (FOLDER.parent / "docs" / "examples.md").read_text(encoding="utf-8")
     for example in FOLDER.glob("*.py"):
-        assert len(example.read_text(encoding="utf-8").splitlines()) <= 60
-        assert f"`{example.name}`" in told
+        lines = example.read_text(encoding="utf-8").splitlines()
+        assert len(lines) <= (60 if "rclpy" in "".join(lines) else 150)
+        assert f"`{example.name}`" in page
+
+
+# --- laws without ROS ------------------------------------------------------------------
+def numbers(name, figure):
+    """Return the numbers that an example prints, but those of equations, and draw its figure."""
+    command = [sys.executable, FOLDER / f"{name}.py", figure]
+    out = subprocess.run(command, check=True, capture_output=True, text=True, timeout=120).stdout
+    out = out.replace(str(figure), "")
+    assert figure.stat().st_size > 10_000
+    return [float(number) for number in re.findall(r"(?<![(_\d.])\d+(?:\.\d+)?", out)]
+
+
+def test_euler_angles_fail_at_their_pole_and_euler_parameters_do_not(tmp_path):
+    speed_angles, error_angles, speed, error = numbers("clik_through_the_pole", tmp_path / "a.png")
+    assert speed_angles > 100.0  # the joints can do 3.15 rad/s
+    assert speed < 3.15
+    assert error_angles > 1.5 * error
+
+
+def test_an_arm_yields_to_a_wall_as_the_impedance_says(tmp_path):
+    figure = tmp_path / "a.png"
+    f, f_rest, off, V_start, V_end, rises, _ = numbers("impedance_against_a_spring", figure)
+    assert f == pytest.approx(f_rest, rel=1e-2)
+    assert off < 0.5  # [mm] by friction
+    assert V_end < 1e-2 * V_start
+    assert rises == 0  # (69)
 
 
 @pytest.fixture
