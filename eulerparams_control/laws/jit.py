@@ -81,7 +81,7 @@ def _announce() -> None:
     """Say, once, that primitives are compiled."""
     print(
         "eulerparams_control: compiling the primitives of the laws, once for this version and this "
-        f"machine: some 40 s (kept in {cache_folder()})",
+        f"machine: 10 s on an idle processor (kept in {cache_folder()})",
         file=sys.stderr,
         flush=True,
     )
