@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws._old.compiled import Array
 from eulerparams_control.laws.limits import JointLimits, factor_within
+from eulerparams_control.laws.rotations import Array
 from eulerparams_control.robot.robot import DynamicState
 
 # Least force [N] of a contact: as it is measured; as it is estimated, for a tip at rest, and for
@@ -360,9 +360,16 @@ def contact_force(J: Array, e: Array, length: float) -> Array:
 
 
 def _pseudo_inverse(J: Array, length: float) -> Array:
-    """Return the pseudo-inverse (n, 6) of J (6, n) without its small singular values."""
-    scale = np.repeat([1.0 / length, 1.0], 3)
-    inverse: Array = np.linalg.pinv(scale[:, None] * J, rcond=_RANK) * scale
+    """Return the pseudo-inverse (n, 6) of J (6, n) without its small singular values.
+
+    With A A' = U diag(sigma^2) U' it is A' U diag(1 / sigma^2) U'.
+    """
+    scale = np.array((1.0 / length,) * 3 + (1.0,) * 3)
+    A = scale[:, None] * J
+    squares, U = np.linalg.eigh(A @ A.T)
+    is_large = squares > _RANK * _RANK * squares[-1]
+    U = U[:, is_large]
+    inverse: Array = A.T @ (U / squares[is_large]) @ U.T * scale
     return inverse
 
 

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws._old.dynamic_control import EffortLimits, ResolvedAcceleration
-from eulerparams_control.laws._old.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.friction import JointFriction
 from eulerparams_control.laws.impedance_matrices import symmetric_matrix
 from eulerparams_control.laws.rotations import Array
@@ -85,29 +83,6 @@ class EffortParameters(ControlParameters):
         rate = self.max_effort_rate
         return each_joint("max_effort_rate", rate, robot) if rate else robot.limits.effort_rate
 
-    def dynamics(self, robot: Robot) -> InverseDynamics:
-        """Return the inverse dynamics of a robot with these parameters."""
-        return InverseDynamics(
-            self.inverse(robot),
-            self.compensate_gravity,
-            self.compensate_coriolis,
-            self.friction_of(robot),
-            self.posture_of(robot),
-            self.k_posture,
-            self.k_null,
-        )
-
-    def effort_limits(self, robot: Robot) -> EffortLimits:
-        """Return what bounds the efforts; raises ConfigurationError."""
-        rate = self.effort_rate(robot)
-        return EffortLimits(
-            self.limits(robot),
-            rate,
-            self.max_error_position,
-            self.max_error_rotation,
-            self.motion_limits(),
-        )
-
     def tool(self) -> Tool | None:
         """Return the tool; None if it has no mass.
 
@@ -149,12 +124,6 @@ class ResolvedParameters(EffortParameters):
     k_Vp: float = parameter(40.0, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True)
     k_Po: float = parameter(800.0, "orientation gain", unit="1/s^2", bounds=(0.0, 1e6), live=True)
     k_Vo: float = parameter(40.0, "its damping", unit="1/s", bounds=(0.0, 1e4), live=True)
-
-    def law(self) -> ResolvedAcceleration:
-        """Return the law with these parameters."""
-        return ResolvedAcceleration(
-            self.representation(), self.k_Pp, self.k_Vp, self.k_Po, self.k_Vo
-        )
 
 
 def require_size(name: str, values: tuple[float, ...], size: int) -> None:

@@ -55,8 +55,8 @@ def _elasticities(recording: Recording) -> Callable[[int], Elasticity]:
         if place < 0 or acting is None:
             return stated
         _, _, K_p, _, _, K_o = acting.matrices[place]
-        clips = acting.numbers[place, 36:].tolist()
-        return Elasticity(stated.orientation, K_p, K_o, *clips, stated.frame)
+        clip_position, clip_rotation = acting.numbers[place, 36:].tolist()
+        return Elasticity(stated.orientation, K_p, K_o, clip_position, clip_rotation, stated.frame)
 
     return elasticity_of
 
