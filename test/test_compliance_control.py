@@ -25,8 +25,7 @@ from tolerances import (
 )
 
 from eulerparams_control.errors import ConfigurationError, FollowingError
-from eulerparams_control.laws.compliance_control import ComplianceControl, ElasticLaw, effects_of
-from eulerparams_control.laws.dynamic_control import EffortLimits
+from eulerparams_control.laws.compliance_control import ComplianceControl
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.inverse_dynamics import InverseDynamics
 from eulerparams_control.laws.rotations import exp
@@ -192,7 +191,7 @@ def test_an_arm_that_is_as_fast_as_it_may_be_is_not_drawn_further():
         scheme.reset(HOME)
         free = scheme.tick(1e-3, HOME, dq, home)
         pulls.append(np.abs(drawn.command.effort - free.command.effort).max())
-        effects, damped = effects_of(drawn), effects_of(free).dissipated
+        effects, damped = drawn.effects, free.effects.dissipated
         parts.append(1.0 - (effects.dissipated - damped) / (30.0 * speed))
         assert effects.lowered == 0.0
     assert_close(parts[:2] + parts[4:], [1.0, 1.0, 0.0, 0.0], 1e-9)
@@ -213,7 +212,7 @@ def test_clips_that_are_lowered_and_return_make_no_energy_around_any_closed_path
         lowered, work, last = [], 0.0, None
         for q in path:
             tick = scheme.tick(1e-3, q, 0 * q, start)
-            state, effects = tick.state, effects_of(tick)
+            state, effects = tick.state, tick.effects
             w = np.array([*effects.f, *effects.mu])
             if last is not None:
                 moved = [*(state.p_e - last[0].p_e), *turn_of(state.R_e @ last[0].R_e.T)]
@@ -316,7 +315,7 @@ def test_a_blocked_arm_pushes_and_then_follows_without_a_stop_or_a_lunge(name, r
     """With K_p error_clip_position, or what a light arm can take back when it is let go."""
     run = Blocked(name, rate, 6.0).go(6.0)
     tick = run.controller.guidance.tick_now
-    assert_close(effects_of(tick).f[1], force, 0.1)
+    assert_close(tick.effects.f[1], force, 0.1)
     assert tick.desired.p_d[1] - run.start.p_d[1] < 0.1  # it waits
     run.go(5.0)
     assert not run.controller.fault

@@ -28,8 +28,9 @@ import numpy as np
 
 from eulerparams_control.laws.dynamic_control import Acceleration, EffortControl
 from eulerparams_control.laws.elasticity import Elasticity, SpringWrench
+from eulerparams_control.laws.inverse import symmetric_modes
 from eulerparams_control.laws.inverse_dynamics import joint_acceleration
-from eulerparams_control.laws.jit import f8, jit, matrix, vector
+from eulerparams_control.laws.jit import f8, jit, matrix, new_matrix, types, vector
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import Lyapunov
 from eulerparams_control.laws.rotations import Array, dot, norm, solve, turn
@@ -121,18 +122,35 @@ def compliance(
     F = springs.F  # F F' = K
     M = np.linalg.solve(state.B, arm.J.T)  # B^-1 J'
     mobility = arm.J @ M  # Lambda^-1
-    omega_2, Y = np.linalg.eigh(F.T @ mobility @ F)  # Y diag(omega^2) Y'
-    omega = np.sqrt(np.maximum(omega_2, _LEAST_OMEGA**2))
-    turning = (Y[3:] * Y[3:]).sum(axis=0)
-    zeta = ratio_p + (ratio_o - ratio_p) * turning
-    E = (Y * (2.0 * zeta / omega)) @ Y.T @ F.T  # D = F E
+    C, rate, turning = modal_damping(F.T @ mobility @ F, ratio_p, ratio_o)
+    E = C @ F.T  # D = F E
     drag, lead, clips = E @ v, E @ v_d, elasticity.clips
     k_p = lead_share(F[:3, :3], springs.f, drag[:3], lead[:3], clip_share * clips[0])
     k_o = lead_share(F[3:, 3:], springs.mu, drag[3:], lead[3:], clip_share * clips[1])
     damping = F @ (min(k_p, k_o) * lead - drag)  # -D (v - v_d) where both are 1
-    rates = omega * np.maximum(zeta, 1.0 / zeta)  # light damping bears less delay, too
-    i = rates.argmax()
-    return TipWrench(springs, damping, F @ E, rates.item(i), turning.item(i), M, mobility, v, v_d)
+    return TipWrench(springs, damping, F @ E, rate, turning, M, mobility, v, v_d)
+
+
+@jit(types.Tuple((new_matrix, f8, f8))(matrix, f8, f8))
+def modal_damping(S: Array, ratio_p: float, ratio_o: float) -> tuple[Array, float, float]:
+    """Return C (6, 6) = Y diag(2 zeta / omega) Y' of S = Y diag(omega^2) Y', and a fastest mode.
+
+    Of that its rate [1/s], and the part of its energy that is rotational.
+    """
+    modes, Y, C = S.copy(), np.empty((6, 6)), np.zeros((6, 6))
+    symmetric_modes(modes, Y)
+    rate, turning = 0.0, 0.0
+    for i in range(6):
+        y = Y[:, i].copy()
+        rotational = dot(y[3:], y[3:])
+        zeta = ratio_p + rotational * (ratio_o - ratio_p)
+        omega = math.sqrt(max(modes[i, i], _LEAST_OMEGA * _LEAST_OMEGA))
+        for j in range(6):
+            C[j] += (2.0 * zeta / omega * y[j]) * y
+        fastest = omega * max(zeta, 1.0 / zeta)  # light damping bears less delay, too
+        if fastest > rate:
+            rate, turning = fastest, rotational
+    return C, rate, turning
 
 
 # --- what surrounds it ---------------------------------------------------------------------

@@ -360,9 +360,16 @@ def contact_force(J: Array, e: Array, length: float) -> Array:
 
 
 def _pseudo_inverse(J: Array, length: float) -> Array:
-    """Return the pseudo-inverse (n, 6) of J (6, n) without its small singular values."""
-    scale = np.repeat([1.0 / length, 1.0], 3)
-    inverse: Array = np.linalg.pinv(scale[:, None] * J, rcond=_RANK) * scale
+    """Return the pseudo-inverse (n, 6) of J (6, n) without its small singular values.
+
+    With A A' = U diag(sigma^2) U' it is A' U diag(1 / sigma^2) U'.
+    """
+    scale = np.array((1.0 / length,) * 3 + (1.0,) * 3)
+    A = scale[:, None] * J
+    squares, U = np.linalg.eigh(A @ A.T)
+    is_large = squares > _RANK * _RANK * squares[-1]
+    U = U[:, is_large]
+    inverse: Array = A.T @ (U / squares[is_large]) @ U.T * scale
     return inverse
 
 
