@@ -141,6 +141,30 @@ def _solve_rows(A: Array) -> bool:
     return True
 
 
+@jit(types.void(new_matrix, new_matrix))
+def symmetric_modes(S: Array, Y: Array) -> None:
+    """Turn S (m, m), symmetric, into its eigenvalues, and fill Y with its eigenvectors as columns.
+
+    By Jacobi's rotations.
+    """
+    m, size = len(S), 0.0
+    for i in range(m):
+        size += _product(S[i], S[i])
+    Y[:] = np.eye(m)
+    for _ in range(_ROUNDS):
+        turned = False
+        for i in range(m - 1):
+            for j in range(i + 1, m):
+                if S[i, j] * S[i, j] > _ORTHOGONAL * _ORTHOGONAL * size:
+                    turned = True
+                    cosine, t = _jacobi(S[i, i], S[j, j], S[i, j])
+                    _turn(S[:, i], S[:, j], cosine, t)
+                    _turn(Y[:, i], Y[:, j], cosine, t)
+                    _turn(S[i], S[j], cosine, t)
+        if not turned:
+            break
+
+
 @jit(b1(matrix, new_matrix))
 def _invert_regular(J: Array, X: Array) -> bool:
     """Fill X (n, 6) with J^-1, or J' (J J')^-1 for n > 6; return whether there is one."""
