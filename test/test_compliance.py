@@ -227,7 +227,7 @@ def test_the_impedance_does_not_depend_on_the_sign_of_the_quaternion(name):
     for R, x, mu in zip(uniform(COUNT, 10), vectors(COUNT), vectors(COUNT, 1), strict=True):
         Q = EulerParameters.from_R(R)
         assert own.elastic_energy(-Q, STAR) == own.elastic_energy(Q, STAR)
-        one, other = (own.rate(np.hstack((*sign, x)), mu, Z) for sign in (Q, -Q))
+        one, other = (own.state_rate(np.hstack((*sign, x)), mu, Z) for sign in (Q, -Q))
         tol.assert_close(other[:4], -one[:4])
         tol.assert_close(other[4:], one[4:], 1e2 * tol.ALGEBRAIC)
 
@@ -394,7 +394,7 @@ def test_an_impedance_that_is_too_fast_is_refused_with_the_mass_to_raise(name, w
 def test_at_the_pole_of_the_angles_a_frame_that_turns_has_no_finite_state():
     R_c = np.rint(about(1, RIGHT))
     for name, R_d in (("euler_angles", R_c), ("relative_euler_angles", I)):
-        assert not np.abs(make(name).begin(R_d, O, R_c, np.ones(3))).max() <= tol.UNBOUNDED
+        assert not np.abs(make(name).relative_state(R_d, O, R_c, np.ones(3))).max() <= tol.UNBOUNDED
 
 
 @every_representation

@@ -103,7 +103,7 @@ def test_eqs_59_and_60_agree_with_sdu_controllers():
         largest = 0.0
         for step in range(1000):
             mu = 20 * np.sin(rate * step * dt + phase)
-            x = x + dt * own.rate(np.array([Q.eta, *Q.eps, *x]), mu, Z.values)[4:]
+            x = x + dt * own.state_rate(np.array([Q.eta, *Q.eps, *x]), mu, Z.values)[4:]
             Q = product_of(quaternion(exp(dt * x)), Q)
             theirs.step(np.zeros(3), mu, np.zeros(3), np.array([desired.eta, *desired.eps]))
             c, found = product_of(desired, Q), theirs.get_output()[3:]

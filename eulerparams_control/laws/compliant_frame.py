@@ -76,7 +76,7 @@ def impedance_rates(
     x, dx, y = z[:3], z[3:6], z[6:]
     f, u = v[:3], v[3:]
     ddx = Z_p.M_inverse @ (f - Z_p.D @ dx - Z_p.K @ x)  # (52)
-    dy = orientation.rate(y, u, Z_o)  # (55), (59)
+    dy = orientation.state_rate(y, u, Z_o)  # (55), (59)
     return np.concatenate((dx, ddx, dy))
 
 
@@ -335,7 +335,9 @@ class CompliantFrame:
         if self.law.frame != "base":
             R = desired.R_d
             x, dx = R.T @ x, R.T @ (dx - cross(desired.omega_d, x))
-        y = self.law.orientation.begin(desired.R_d, desired.omega_d, frame.R_d, frame.omega_d)
+        y = self.law.orientation.relative_state(
+            desired.R_d, desired.omega_d, frame.R_d, frame.omega_d
+        )
         return np.concatenate((x, dx, y))
 
     def _driven(self, desired: DesiredFrame, wrench: Array, before: Array | None) -> Array:
@@ -343,7 +345,7 @@ class CompliantFrame:
         f, mu, u = wrench[:3], wrench[3:], None if before is None else before[3:]
         if self.law.frame != "base":
             f = desired.R_d.T @ f
-        return np.concatenate((f, self.law.orientation.drive(desired.R_d, mu, u)))
+        return np.concatenate((f, self.law.orientation.relative_input(desired.R_d, mu, u)))
 
     def _integrated(
         self, z: Array, v_0: Array, v_1: Array, dt: float, Z_p: Matrices, Z_o: Matrices, rate: float
@@ -371,7 +373,9 @@ class CompliantFrame:
         """Return the compliant frame of z driven by v: what :meth:`_relative` began with."""
         p_d, R_d, dp_d, omega_d, ddp_d, domega_d = desired
         dz = impedance_rates(z, v, self.law.orientation, Z_p, Z_o)
-        rotation = self.law.orientation.end(z[6:], dz[6:], v[3:], R_d, omega_d, domega_d)
+        rotation = self.law.orientation.compliant_rotation(
+            z[6:], dz[6:], v[3:], R_d, omega_d, domega_d
+        )
         x, dx, ddx = z[:3], z[3:6], dz[3:6]
         if self.law.frame != "base":  # components in a frame that turns
             x, dx, ddx = R_d @ x, R_d @ dx, R_d @ ddx

@@ -343,7 +343,8 @@ class ImpedanceControl(Scheme):
         compliant = at_centre.carrying(self.centre.inverse)
         if self.force.is_on:
             h = h + self._ahead(arm)
-        followed = self.motion.follow(dt, state, compliant, h)  # eq. (48)
+        # the compliant frame is desired by the motion loop (49)-(51), which compensates h, (48)
+        followed = self.motion.follow(dt, state, compliant, h)
         force = None if self.is_frozen else w[:3]
         self.motion.note_contact(dt, arm, desired, force, self.force.is_on)
         # x_de is of the tip from the desired frame, not from the compliant one

@@ -164,7 +164,7 @@ class InverseDynamics:
             ddq, slowed = limits.limit_acceleration(arm.q, arm.dq, ddq, dt, self.drift)
         tau = joint_efforts(state, ddq, h) - added
         if self._friction is not None:
-            tau = tau + self._friction.effort(state.arm.dq)
+            tau = tau + self._friction.effort(state.arm.dq)  # d of (33)
         if not math.isfinite(tau @ tau):
             raise SingularityError("the joints are measured at a state of infinite efforts")
         if limits is not None:

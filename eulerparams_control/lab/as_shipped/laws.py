@@ -120,13 +120,13 @@ class Geometric2(Geometric):
 
     name = "as_shipped_geometric_2"
 
-    def rate(self, y: Array, mu_d: Array, Z: Matrices) -> Array:
+    def state_rate(self, y: Array, mu_d: Array, Z: Matrices) -> Array:
         """Return dy with M_o (dx + LAMBDA df) + D_o (x + LAMBDA f) + f = mu^d.
 
         f is the moment of version 1, df = R (tr(R' K_R) I - R' K_R) R' x.  Its axes are those of
         the tool: M_o and D_o are to be multiples of I.
         """
-        dy = super().rate(y, mu_d, Z)
+        dy = super().state_rate(y, mu_d, Z)
         Q, x = EulerParameters(y[0], y[1:4]), y[4:]
         R, f = Q.R, self.elastic_moment(Q, Z.K)
         A = R.T @ K_R_of(Z.K)

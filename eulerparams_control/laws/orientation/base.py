@@ -188,11 +188,11 @@ class OrientationRepresentation(ABC):
     # --- the rotational impedance: section V --------------------------------------------------
 
     @abstractmethod
-    def begin(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
+    def relative_state(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
         """Return the state y, relative to the desired frame: the displacement and its rate."""
 
     @abstractmethod
-    def drive(self, R_d: Array, mu: Array, before: Array | None) -> Array:
+    def relative_input(self, R_d: Array, mu: Array, before: Array | None) -> Array:
         """Return u, what y is driven by, interpolated between samples.
 
         Args:
@@ -202,7 +202,7 @@ class OrientationRepresentation(ABC):
         """
 
     @abstractmethod
-    def rate(self, y: Array, u: Array, Z: Matrices) -> Array:
+    def state_rate(self, y: Array, u: Array, Z: Matrices) -> Array:
         """Return dy, eqs. (55), (59), Z in the coordinates of :meth:`impedance`."""
 
     def normalised(self, y: Array) -> Array:
@@ -210,10 +210,10 @@ class OrientationRepresentation(ABC):
         return y
 
     @abstractmethod
-    def end(
+    def compliant_rotation(
         self, y: Array, dy: Array, u: Array, R_d: Array, omega_d: Array, domega_d: Array
     ) -> CompliantRotation:
-        """Return the compliant rotation in the base frame, the inverse of :meth:`begin`."""
+        """Return the compliant rotation in the base frame, the inverse of :meth:`relative_state`."""
 
     @abstractmethod
     def spring(self, R_d: Array, R_e: Array, K_o: Array) -> RotationalSpring:

@@ -42,9 +42,9 @@ class EulerAnglesRepresentation(OrientationRepresentation):
         self, R_d: Array, R_e: Array, previous: EulerAnglesDisplacement | None = None
     ) -> EulerAnglesDisplacement:
         """Return phi_d, phi_e and phi_d - phi_e, eq. (22)."""
-        phi = self.options.sequence
-        phi_d = phi.extract(R_d, previous and previous.phi_d)
-        phi_e = phi.extract(R_e, previous and previous.phi_e)
+        sequence = self.options.sequence
+        phi_d = sequence.extract(R_d, previous and previous.phi_d)
+        phi_e = sequence.extract(R_e, previous and previous.phi_e)
         return EulerAnglesDisplacement(phi_d, phi_e, wrap(phi_d - phi_e))
 
     def velocity(self, x_de: EulerAnglesDisplacement, omega_d: Array, k_Po: float) -> Array:
@@ -53,9 +53,9 @@ class EulerAnglesRepresentation(OrientationRepresentation):
         J_A^-1 = J^-1 diag(I, T) exists where J_A does not, so the product is used and
         J_A is never built.
         """
-        phi = self.options.sequence
-        dphi_d = phi.rates(x_de.phi_d, omega_d)  # eq. (3)
-        return phi.T(x_de.phi_e) @ (dphi_d + k_Po * x_de.error)
+        sequence, (phi_d, phi_e, phi_de) = self.options.sequence, x_de
+        dphi_d = sequence.rates(phi_d, omega_d)  # (3)
+        return sequence.T(phi_e) @ (dphi_d + k_Po * phi_de)  # (23), (24)
 
     def acceleration(
         self,
@@ -71,40 +71,42 @@ class EulerAnglesRepresentation(OrientationRepresentation):
         T and dT are those of phi_e.  The first term is the second derivative ddphi_d; the
         printed eq. (38) has dphi_d (erratum).
         """
-        phi, (phi_d, phi_e, dphi_de) = self.options.sequence, x_de
-        dphi_d, dphi_e = phi.rates(phi_d, omega_d), phi.rates(phi_e, omega_e)  # eq. (3)
-        ddphi_d = phi.accelerations(phi_d, dphi_d, domega_d)
-        T, dT = phi.T(phi_e), phi.dT(phi_e, dphi_e)
-        return T @ (ddphi_d + k_Vo * (dphi_d - dphi_e) + k_Po * dphi_de) + dT @ dphi_e
+        sequence, (phi_d, phi_e, phi_de) = self.options.sequence, x_de
+        dphi_d, dphi_e = sequence.rates(phi_d, omega_d), sequence.rates(phi_e, omega_e)  # (3)
+        ddphi_d = sequence.accelerations(phi_d, dphi_d, domega_d)  # derivative of (3)
+        T, dT = sequence.T(phi_e), sequence.dT(phi_e, dphi_e)
+        dphi_de = dphi_d - dphi_e
+        return T @ (ddphi_d + k_Vo * dphi_de + k_Po * phi_de) + dT @ dphi_e  # (38)
 
-    def begin(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
+    def relative_state(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
         """Return phi_c - phi_d and dphi_c - dphi_d."""
-        phi = self.options.sequence
-        phi_d, phi_c = phi.extract(R_d), phi.extract(R_c)
-        dphi_cd = phi.rates(phi_c, omega_c) - phi.rates(phi_d, omega_d)
+        sequence = self.options.sequence
+        phi_d, phi_c = sequence.extract(R_d), sequence.extract(R_c)
+        dphi_cd = sequence.rates(phi_c, omega_c) - sequence.rates(phi_d, omega_d)
         return np.concatenate((wrap(phi_c - phi_d), dphi_cd))
 
-    def drive(self, R_d: Array, mu: Array, before: Array | None) -> Array:
+    def relative_input(self, R_d: Array, mu: Array, before: Array | None) -> Array:
         """Return phi_d next to the one before, and mu."""
         near = np.zeros(3) if before is None else before[:3]
         phi_d = self.options.sequence.extract(R_d, near)
         return np.concatenate((near + wrap(phi_d - near), mu))
 
-    def rate(self, y: Array, u: Array, Z: Matrices) -> Array:
+    def state_rate(self, y: Array, u: Array, Z: Matrices) -> Array:
         """Return dy of (55), with T of phi_c = phi_d + Delta phi_cd."""
-        T = self.options.sequence.T(u[:3] + y[:3])
-        return moved_by(T.T @ u[3:], y, Z)
+        phi_d, mu, phi_cd = u[:3], u[3:], y[:3]
+        T = self.options.sequence.T(phi_d + phi_cd)
+        return angles_rate(T.T @ mu, y, Z)
 
-    def end(
+    def compliant_rotation(
         self, y: Array, dy: Array, u: Array, R_d: Array, omega_d: Array, domega_d: Array
     ) -> CompliantRotation:
         """Return R(phi_c), T(phi_c) dphi_c and T(phi_c) ddphi_c + dT(phi_c) dphi_c, eq. (3)."""
-        phi, phi_d = self.options.sequence, u[:3]
-        dphi_d = phi.rates(phi_d, omega_d)
+        sequence, phi_d = self.options.sequence, u[:3]
+        dphi_d = sequence.rates(phi_d, omega_d)
         phi_c, dphi_c = phi_d + y[:3], dphi_d + y[3:]
-        ddphi_c = phi.accelerations(phi_d, dphi_d, domega_d) + dy[3:]
-        T, dT = phi.T(phi_c), phi.dT(phi_c, dphi_c)
-        return CompliantRotation(phi.R(phi_c), T @ dphi_c, T @ ddphi_c + dT @ dphi_c)
+        ddphi_c = sequence.accelerations(phi_d, dphi_d, domega_d) + dy[3:]
+        T, dT = sequence.T(phi_c), sequence.dT(phi_c, dphi_c)
+        return CompliantRotation(sequence.R(phi_c), T @ dphi_c, T @ ddphi_c + dT @ dphi_c)
 
     def spring(self, R_d: Array, R_e: Array, K_o: Array) -> RotationalSpring:
         """Return the spring of phi_e - phi_d."""
@@ -123,9 +125,11 @@ class EulerAnglesRepresentation(OrientationRepresentation):
         return min(pole_distance(R_d), pole_distance(R_e))
 
 
-def moved_by(mu_T: Array, y: Array, Z: Matrices) -> Array:
-    """Return dy of M_o ddphi_cd + D_o dphi_cd + K_o phi_cd = T' mu, y = (phi_cd, dphi_cd)."""
-    return np.concatenate((y[3:], Z.M_inverse @ (mu_T - Z.D @ y[3:] - Z.K @ y[:3])))
+def angles_rate(mu_T: Array, y: Array, Z: Matrices) -> Array:
+    """Return dy of (55), M_o ddphi_cd + D_o dphi_cd + K_o phi_cd = T' mu, y = (phi_cd, dphi_cd)."""
+    phi_cd, dphi_cd = y[:3], y[3:]
+    ddphi_cd = Z.M_inverse @ (mu_T - Z.D @ dphi_cd - Z.K @ phi_cd)  # (55)
+    return np.concatenate((dphi_cd, ddphi_cd))
 
 
 def angles_spring(phi: Array, T: Array, K_o: Array) -> RotationalSpring:

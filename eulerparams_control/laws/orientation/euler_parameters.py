@@ -44,6 +44,24 @@ class EulerParametersRepresentation(RelativeQuaternionRepresentation):
         Q_de = self.options.sign.mutual(R_e, R_d, previous and previous.Q_de)
         return QuaternionDisplacement(Q_de, R_e @ Q_de.eps)
 
+    def velocity(self, x_de: QuaternionDisplacement, omega_d: Array, k_Po: float) -> Array:
+        """Return the lower half of the bracket of (28)."""
+        eps_de = x_de.error
+        return omega_d + k_Po * eps_de  # (28)
+
+    def acceleration(
+        self,
+        x_de: QuaternionDisplacement,
+        omega_d: Array,
+        domega_d: Array,
+        omega_e: Array,
+        k_Po: float,
+        k_Vo: float,
+    ) -> Array:
+        """Return the acceleration of (40)."""
+        eps_de, omega_de = x_de.error, omega_d - omega_e
+        return domega_d + k_Vo * omega_de + k_Po * eps_de  # (40)
+
     def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
         """Return K_o' eps of (60), (66)."""
         return elastic_moment(Q_cd.eta, Q_cd.eps, K_o)

@@ -15,7 +15,7 @@ from eulerparams_control.laws.orientation.base import (
     OrientationRepresentation,
     RotationalSpring,
 )
-from eulerparams_control.laws.orientation.euler_angles import angles_spring, moved_by
+from eulerparams_control.laws.orientation.euler_angles import angles_rate, angles_spring
 from eulerparams_control.laws.rotations import Array, cross
 
 
@@ -66,39 +66,40 @@ class RelativeEulerAnglesRepresentation(OrientationRepresentation):
         dphi_de = T_e^-1 (omega_d - omega_e), dT_e = S(omega_e) T_e + R_e dT(phi_de, dphi_de);
         it gives ddphi_de + k_Vo dphi_de + k_Po phi_de = 0.
         """
-        phi, (phi_de, R_e, T_e), omega_de = self.options.sequence, x_de, omega_d - omega_e
-        dphi_de = phi.rates(phi_de, R_e.T @ omega_de)
-        dT_dphi = phi.dT(phi_de, dphi_de) @ dphi_de
+        sequence, (phi_de, R_e, T_e) = self.options.sequence, x_de
+        omega_de = omega_d - omega_e
+        dphi_de = sequence.rates(phi_de, R_e.T @ omega_de)
+        dT_dphi = sequence.dT(phi_de, dphi_de) @ dphi_de
         dT_e_dphi_de = cross(omega_e, omega_de) + R_e @ dT_dphi  # T_e dphi_de is omega_de
         return domega_d - dT_e_dphi_de + k_Vo * omega_de + k_Po * (T_e @ phi_de)
 
-    def begin(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
+    def relative_state(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
         """Return phi_cd of R_d' R_c and dphi_cd."""
-        phi = self.options.sequence
-        phi_cd = phi.extract(R_d.T @ R_c)
-        return np.concatenate((phi_cd, phi.rates(phi_cd, R_d.T @ (omega_c - omega_d))))
+        sequence = self.options.sequence
+        phi_cd = sequence.extract(R_d.T @ R_c)
+        return np.concatenate((phi_cd, sequence.rates(phi_cd, R_d.T @ (omega_c - omega_d))))
 
-    def drive(self, R_d: Array, mu: Array, before: Array | None) -> Array:
+    def relative_input(self, R_d: Array, mu: Array, before: Array | None) -> Array:
         """Return mu^d = R_d' mu."""
         return R_d.T @ mu
 
-    def rate(self, y: Array, mu_d: Array, Z: Matrices) -> Array:
+    def state_rate(self, y: Array, mu_d: Array, Z: Matrices) -> Array:
         """Return dy of M_o ddphi_cd + D_o dphi_cd + K_o phi_cd = T'(phi_cd) mu^d."""
-        return moved_by(self.options.sequence.T(y[:3]).T @ mu_d, y, Z)
+        return angles_rate(self.options.sequence.T(y[:3]).T @ mu_d, y, Z)
 
-    def end(
+    def compliant_rotation(
         self, y: Array, dy: Array, mu_d: Array, R_d: Array, omega_d: Array, domega_d: Array
     ) -> CompliantRotation:
         """Return R_d R(phi_cd), omega_d + R_d x and domega_d + R_d dx + omega_d x omega_c.
 
         x = T dphi_cd, dx = T ddphi_cd + dT dphi_cd, in the desired frame, which turns.
         """
-        phi, phi_cd, dphi_cd = self.options.sequence, y[:3], y[3:]
-        T = phi.T(phi_cd)
-        dx = T @ dy[3:] + phi.dT(phi_cd, dphi_cd) @ dphi_cd
+        sequence, phi_cd, dphi_cd = self.options.sequence, y[:3], y[3:]
+        T = sequence.T(phi_cd)
+        dx = T @ dy[3:] + sequence.dT(phi_cd, dphi_cd) @ dphi_cd
         omega_c = omega_d + R_d @ (T @ dphi_cd)
         domega_c = domega_d + R_d @ dx + cross(omega_d, omega_c)
-        return CompliantRotation(R_d @ phi.R(phi_cd), omega_c, domega_c)
+        return CompliantRotation(R_d @ sequence.R(phi_cd), omega_c, domega_c)
 
     def spring(self, R_d: Array, R_e: Array, K_o: Array) -> RotationalSpring:
         """Return the spring of the angles of R_d' R_e."""

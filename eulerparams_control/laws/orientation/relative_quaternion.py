@@ -62,26 +62,26 @@ class RelativeQuaternionRepresentation(OrientationRepresentation):
         """Return domega_d + k_Vo Delta omega_de + k_Po e, eq. (40), e as in (28)."""
         return self.finite(domega_d + k_Vo * (omega_d - omega_e) + k_Po * x_de.error)
 
-    def begin(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
+    def relative_state(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
         """Return y of two frames."""
         eta, eps = mutual_R(R_d, R_c)
         return np.concatenate(((eta,), eps, R_d.T @ (omega_c - omega_d)))
 
-    def drive(self, R_d: Array, mu: Array, before: Array | None) -> Array:
+    def relative_input(self, R_d: Array, mu: Array, before: Array | None) -> Array:
         """Return mu^d = R_d' mu."""
         return R_d.T @ mu
 
-    def rate(self, y: Array, mu_d: Array, Z: Matrices) -> Array:
+    def state_rate(self, y: Array, mu_d: Array, Z: Matrices) -> Array:
         """Return dy: (17) and dx = M_o^-1 (mu^d - D_o x - mu_E), eqs. (59), (60)."""
         mu_E = self.elastic_moment(EulerParameters(y.item(0), y[1:4]), Z.K)
-        return _rate(y, mu_d - mu_E, Z.M_inverse, Z.D)
+        return _rate(y, mu_d, mu_E, Z.M_inverse, Z.D)
 
     def normalised(self, y: Array) -> Array:
         """Return y with a unit quaternion."""
         y[:4] /= math.sqrt(y[:4] @ y[:4])
         return y
 
-    def end(
+    def compliant_rotation(
         self, y: Array, dy: Array, mu_d: Array, R_d: Array, omega_d: Array, domega_d: Array
     ) -> CompliantRotation:
         """Return R_c = R_d R_cd, omega_c = omega_d + R_d x and domega_c.
@@ -116,14 +116,13 @@ class RelativeQuaternionRepresentation(OrientationRepresentation):
         return Lyapunov(float(x @ Z.M @ x) / 2 + energy, float(mu_d @ x - x @ Z.D @ x))
 
 
-@jit(new_vector(vector, vector, matrix, matrix))
-def _rate(y: Array, mu: Array, M_inverse: Array, D: Array) -> Array:
-    """Return dy where the moment mu (3,) [Nm] acts besides the damping."""
+@jit(new_vector(vector, vector, vector, matrix, matrix))
+def _rate(y: Array, mu_d: Array, mu_E: Array, M_inverse: Array, D: Array) -> Array:
     eta, eps, x = y[0], y[1:4], y[4:]
     dy = np.empty(7)
     dy[0] = -0.5 * dot(eps, x)  # eq. (16)
     dy[1:4] = 0.5 * (eta * x - cross(eps, x))  # eq. (17)
-    dy[4:] = turn(M_inverse, mu - turn(D, x))  # eq. (59)
+    dy[4:] = turn(M_inverse, mu_d - turn(D, x) - mu_E)  # eq. (59)
     return dy
 
 

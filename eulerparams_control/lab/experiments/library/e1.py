@@ -305,10 +305,10 @@ def _compliant() -> Residuals:
     for (R_d, R_c, R_e), (omega_d, domega_d, omega_c, mu, omega_e) in zip(
         frames, motions, strict=True
     ):
-        u = law.drive(R_d, mu, None)
-        y = law.begin(R_d, omega_d, R_c, omega_c)
-        dy = law.rate(y, u, _Z.values)
-        end = law.end(y, dy, u, R_d, omega_d, domega_d)
+        u = law.relative_input(R_d, mu, None)
+        y = law.relative_state(R_d, omega_d, R_c, omega_c)
+        dy = law.state_rate(y, u, _Z.values)
+        end = law.compliant_rotation(y, dy, u, R_d, omega_d, domega_d)
         x_ce = law.displacement(end.R_c, R_e)
         a_o = law.acceleration(x_ce, end.omega_c, end.domega_c, omega_e, _k_P, _k_V)
         dphi_d, ddphi_d = _rates(accelerated(R_d, omega_d, domega_d))
@@ -327,7 +327,7 @@ def _turning_frame() -> Residuals:
     moving = zip(vectors(FEW, 26), vectors(FEW, 27), vectors(FEW, 28), strict=True)
     for R_d, (omega_d, x, dx) in zip(rotations(FEW, 29), moving, strict=True):
         y, dy = np.concatenate((Q, x)), np.concatenate((0.0 * Q, dx))
-        found = law.end(y, dy, zero, R_d, omega_d, zero).domega_c
+        found = law.compliant_rotation(y, dy, zero, R_d, omega_d, zero).domega_c
         rate = derivative(partial(_omega_c, R_d, omega_d, x, dx))
         yield "(59)", size(found - rate)
         yield "(59) as printed", size(R_d @ dx - rate)
