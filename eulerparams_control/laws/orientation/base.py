@@ -213,7 +213,7 @@ class OrientationRepresentation(ABC):
     def compliant_rotation(
         self, y: Array, dy: Array, u: Array, R_d: Array, omega_d: Array, domega_d: Array
     ) -> CompliantRotation:
-        """Return the compliant rotation in the base frame, the inverse of :meth:`relative_state`."""
+        """Return the rotation in the base frame, the inverse of :meth:`relative_state`."""
 
     @abstractmethod
     def spring(self, R_d: Array, R_e: Array, K_o: Array) -> RotationalSpring:
