@@ -269,9 +269,13 @@ def matrix(eta: float, eps: Array) -> Array:
 
     The printed eq. (7) has -2 eta S(eps), which is R transposed (erratum).
     """
-    R = 2.0 * outer(eps, eps) + (2.0 * eta) * S(eps)
-    for i in range(3):
-        R[i, i] += eta * eta - dot(eps, eps)
+    x, y, z = eps[0], eps[1], eps[2]
+    d = eta * eta - (x * x + y * y + z * z)
+    R = np.empty((3, 3))
+    R[0, 0], R[1, 1], R[2, 2] = d + 2.0 * x * x, d + 2.0 * y * y, d + 2.0 * z * z
+    R[0, 1], R[1, 0] = 2.0 * (x * y - eta * z), 2.0 * (x * y + eta * z)
+    R[0, 2], R[2, 0] = 2.0 * (x * z + eta * y), 2.0 * (x * z - eta * y)
+    R[1, 2], R[2, 1] = 2.0 * (y * z - eta * x), 2.0 * (y * z + eta * x)
     return R
 
 
