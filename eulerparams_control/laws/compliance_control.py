@@ -105,8 +105,9 @@ def compliance(
 ) -> TipWrench:
     """Return the wrench (f, mu) - D (v - v_d) of springs and dampers.
 
-    D, positive definite, damps each mode by its ratio: that of its part of p and o.  Lambda itself,
-    which singularities lack, is not needed.
+    D = F Y diag(2 zeta / omega) Y' F' with F F' = K and F' Lambda^-1 F = Y diag(omega^2) Y', which
+    is positive definite, damps each mode by its ratio zeta, that of its part of p and o.  Lambda
+    itself, which singularities lack, is not needed.
 
     Args:
         state, desired: of the arm, and the desired frame.
