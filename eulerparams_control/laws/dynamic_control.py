@@ -114,15 +114,16 @@ class EffortControl(Scheme):
     def __init__(self, robot: Robot, parameters: "EffortParameters") -> None:
         self.robot = robot
         self._blend = Blend(self.blend_time, robot.n)
-        self.dynamics = InverseDynamics(robot, parameters)
+        self.dynamics = InverseDynamics(robot)
         self._take(parameters)
         self.reset(np.zeros(robot.n))
 
     def _take(self, parameters: Any) -> None:
+        limits = parameters.limits(self.robot)
         self.dynamics.take(parameters)
         self.parameters, self.orientation = parameters, parameters.representation()
         self._motion = parameters.motion_limits()
-        self.limits = self.dynamics.limits
+        self.limits = limits
 
     @abstractmethod
     def _accelerate(self, dt: float, state: DynamicState, desired: DesiredFrame) -> Acceleration:

@@ -57,7 +57,6 @@ class InverseDynamics:
         parameters: which terms are compensated, posture and limits.
 
     Attributes:
-        limits: of the joints; None: nothing bounds the efforts.
         rate: (n,) [Nm/s] at which efforts may change.
         tau: (n,) the last efforts; None before the first.
         ddq: (n,) the last accelerations, as far as the limits allow them.
@@ -66,14 +65,12 @@ class InverseDynamics:
         drift: (n,) by how much [rad/s^2] the joints accelerate more than commanded.
 
     Raises:
-        ConfigurationError: if the posture or the friction has the wrong size.
         RobotError: if the model of the robot cannot give its efforts.
     """
 
-    def __init__(self, robot: Robot, parameters: "EffortParameters") -> None:
+    def __init__(self, robot: Robot) -> None:
         self.robot = robot
         check_model(robot)
-        self.take(parameters)
         self._start: Array | None = None
         self.reset()
 
@@ -85,9 +82,8 @@ class InverseDynamics:
         """
         robot = self.robot
         friction, posture = parameters.friction_of(robot), parameters.posture_of(robot)
-        rate, limits = parameters.effort_rate(robot), parameters.limits(robot)
-        self._friction, self._posture = friction, posture
-        self.rate, self.limits = rate, limits
+        rate = parameters.effort_rate(robot)
+        self._friction, self._posture, self.rate = friction, posture, rate
         self.inverse, self._parameters = parameters.inverse(robot), parameters
 
     def reset(self) -> None:
