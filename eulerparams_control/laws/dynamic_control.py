@@ -119,11 +119,10 @@ class EffortControl(Scheme):
         self.reset(np.zeros(robot.n))
 
     def _take(self, parameters: Any) -> None:
-        limits = parameters.limits(self.robot)
+        limits, orientation = parameters.limits(self.robot), parameters.representation()
         self.dynamics.take(parameters)
-        self.parameters, self.orientation = parameters, parameters.representation()
+        self.parameters, self.orientation, self.limits = parameters, orientation, limits
         self._motion = parameters.motion_limits()
-        self.limits = limits
 
     @abstractmethod
     def _accelerate(self, dt: float, state: DynamicState, desired: DesiredFrame) -> Acceleration:

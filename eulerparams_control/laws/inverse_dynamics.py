@@ -54,7 +54,6 @@ class InverseDynamics:
 
     Args:
         robot: the arm.
-        parameters: which terms are compensated, posture and limits.
 
     Attributes:
         rate: (n,) [Nm/s] at which efforts may change.
