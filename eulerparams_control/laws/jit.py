@@ -7,12 +7,10 @@ A primitive is compiled when its module is imported, or loaded from the cache: n
 while an arm moves.  ``NUMBA_DISABLE_JIT=1`` in the environment runs the same source as it is.
 """
 
-import atexit
 import hashlib
 import os
 import shutil
 import sys
-import tempfile
 import time
 import warnings
 from collections.abc import Callable
@@ -62,14 +60,14 @@ def jit[**P, R](signature: Any) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """
 
     def compiled(function: Callable[P, R]) -> Callable[P, R]:
-        before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, cache_folder()
+        folder, before = cache_folder(), numba.config.CACHE_DIR
+        options = {"cache": folder is not None, "error_model": "numpy", "no_cfunc_wrapper": True}
+        numba.config.CACHE_DIR = folder or before
         try:
-            made = numba.njit(signature, cache=True, error_model="numpy", no_cfunc_wrapper=True)(
-                function
-            )
+            made = numba.njit(signature, **options)(function)
         finally:
             numba.config.CACHE_DIR = before
-        if not numba.config.DISABLE_JIT and made.stats.cache_misses:
+        if not numba.config.DISABLE_JIT and not made.stats.cache_hits:
             _announce()
         return cast("Callable[P, R]", made)
 
@@ -88,12 +86,11 @@ def _announce() -> None:
 
 
 @cache
-def cache_folder() -> str:
+def cache_folder() -> str | None:
     """Return the folder of what is compiled, for this state of the files that have primitives.
 
-    It is below NUMBA_CACHE_DIR, or $XDG_CACHE_HOME, or ~/.cache; where none can be written, a
-    folder that lasts as long as this process.  By itself numba would not see a change in a file
-    from which a primitive is called.
+    It is below NUMBA_CACHE_DIR, or $XDG_CACHE_HOME, or ~/.cache; None where that cannot be written.
+    By itself numba would not see a change in a file from which a primitive is called.
     """
     files = sorted(file for room in _ROOMS for file in room.rglob("*.py"))
     primitives = b"".join(text for text in map(Path.read_bytes, files) if b"@jit(" in text)
@@ -105,24 +102,15 @@ def cache_folder() -> str:
         folder = root / state
         folder.mkdir(parents=True, exist_ok=True)
         os.utime(folder)
-        tempfile.TemporaryFile(dir=folder).close()
     except (OSError, RuntimeError) as error:  # the latter: there is no home
         warnings.warn(
             f"compiled primitives cannot be kept in {root} ({error}), so each start compiles them "
             "again; set NUMBA_CACHE_DIR to a folder that can be written",
             stacklevel=2,
         )
-        own = tempfile.mkdtemp(prefix="eulerparams_control_")
-        atexit.register(_remove, own, os.getpid())
-        return own
+        return None
     for old in root.glob("?" * len(state)):
         with suppress(OSError):  # another process may do the same
             if time.time() - old.stat().st_mtime > _KEPT:
                 shutil.rmtree(old, ignore_errors=True)
     return str(folder)
-
-
-def _remove(folder: str, owner: int) -> None:
-    """Remove a folder at the end of the process that made it, not of one that was forked."""
-    if os.getpid() == owner:
-        shutil.rmtree(folder, ignore_errors=True)
