@@ -13,6 +13,6 @@ RUN apt-get update \
 RUN . "/opt/ros/$ROS_DISTRO/setup.sh" \
  && colcon build --packages-select eulerparams_control \
  && . install/setup.sh \
- && python3 -c "from eulerparams_control.parameters.schemes import schemes; schemes()"
+ && python3 -c "import eulerparams_control.control.controller; from eulerparams_control.parameters.schemes import schemes; schemes()"
 RUN sed --in-place --expression '$isource "/ws/install/setup.bash"' /ros_entrypoint.sh
 CMD ["ros2", "run", "eulerparams_control", "experiment", "demo", "--out", "/tmp/out"]

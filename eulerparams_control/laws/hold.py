@@ -12,8 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from eulerparams_control.laws.inverse import symmetric_modes
 from eulerparams_control.laws.limits import JointLimits, factor_within
-from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.rotations import Array, norm
 from eulerparams_control.robot.robot import DynamicState
 
 # Least force [N] of a contact: as it is measured; as it is estimated, for a tip at rest, and for
@@ -92,12 +93,12 @@ class ContactWork(NamedTuple):
 
         dp_d, dp_e (3,) [m/s] are the velocities of the motion and of the tip.
         """
-        size = float(np.linalg.norm(force))
+        size = norm(force)
         if size < least_contact(is_measured, dp_e):
             left = math.exp(-dt / _FORGET_TIME)
             return ContactWork(left * self.driven, left * self.pushed)
         drives, pushes = -float(force @ dp_d), float(force @ dp_e)
-        is_against = drives > _AGAINST_PART * size * float(np.linalg.norm(dp_d))
+        is_against = drives > _AGAINST_PART * size * norm(dp_d)
         if is_against and (is_measured or -pushes < _BLOCKED_PART * drives):
             return ContactWork(self.driven + dt * drives, self.pushed + dt * pushes, presses)
         return ContactWork(self.driven, self.pushed + dt * pushes, presses)
@@ -280,7 +281,8 @@ class JointHold:
             self._hold_at(arm.q)
             return
         v = np.concatenate((_RETREAT_SPEED * force / size, np.zeros(3)))
-        dq_b = _pseudo_inverse(arm.J, self._length) @ v
+        scale, A, squares, U = _tip_modes(arm.J, self._length)
+        dq_b = A.T @ (U @ (U.T @ (scale * v) / squares))
         fastest = float(np.abs(dq_b).max())
         self._dq_b = dq_b * min(1.0, _RETREAT_JOINT_SPEED / max(fastest, _SLOW))
 
@@ -347,7 +349,7 @@ def least_contact(is_measured: bool, dp_e: Array) -> float:
     """Return the least force [N] that is a contact, of a tip at dp_e (3,) [m/s]."""
     if is_measured:
         return _MEASURED
-    return _ESTIMATED_IN_MOTION if float(np.linalg.norm(dp_e)) > _AT_REST else _ESTIMATED
+    return _ESTIMATED_IN_MOTION if norm(dp_e) > _AT_REST else _ESTIMATED
 
 
 def contact_force(J: Array, e: Array, length: float) -> Array:
@@ -355,22 +357,24 @@ def contact_force(J: Array, e: Array, length: float) -> Array:
 
     Directions in which the tip can hardly move, ``length`` [m] weighing turns, have none.
     """
-    force: Array = (_pseudo_inverse(J, length).T @ e)[:3]
-    return force
+    scale, A, squares, U = _tip_modes(J, length)
+    w: Array = scale * (U @ (U.T @ (A @ e) / squares))
+    return w[:3]
 
 
-def _pseudo_inverse(J: Array, length: float) -> Array:
-    """Return the pseudo-inverse (n, 6) of J (6, n) without its small singular values.
+def _tip_modes(J: Array, length: float) -> tuple[Array, Array, Array, Array]:
+    """Return scale (6,), A = diag(scale) J, and U, sigma^2 with A A' = U diag(sigma^2) U'.
 
-    With A A' = U diag(sigma^2) U' it is A' U diag(1 / sigma^2) U'.
+    The pseudo-inverse of J is A' U diag(1 / sigma^2) U' diag(scale); where sigma is small it is
+    taken for infinite, so that the direction is lost.
     """
     scale = np.array((1.0 / length,) * 3 + (1.0,) * 3)
     A = scale[:, None] * J
-    squares, U = np.linalg.eigh(A @ A.T)
-    is_large = squares > _RANK * _RANK * squares[-1]
-    U = U[:, is_large]
-    inverse: Array = A.T @ (U / squares[is_large]) @ U.T * scale
-    return inverse
+    modes, U = A @ A.T, np.empty((6, 6))
+    symmetric_modes(modes, U)
+    squares = modes.diagonal().copy()
+    squares[squares <= _RANK * _RANK * squares.max()] = math.inf
+    return scale, A, squares, U
 
 
 def _modes(B: Array, K: Array) -> tuple[Array, Array]:
