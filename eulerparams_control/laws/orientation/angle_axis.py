@@ -1,7 +1,7 @@
 """Angle/axis: sin(theta) r = 2 eta eps of the mutual rotation (refs. [9], [10])."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -73,13 +73,7 @@ class AngleAxisRepresentation(RelativeQuaternionRepresentation):
         return self.finite(solve(x_de.L, x_de.L.T @ omega_d + k_Po * x_de.error))
 
     def acceleration(
-        self,
-        x_de: AngleAxisDisplacement,
-        omega_d: Array,
-        domega_d: Array,
-        omega_e: Array,
-        k_Po: float,
-        k_Vo: float,
+        self, x_de: Any, omega_d: Array, domega_d: Array, omega_e: Array, k_Po: float, k_Vo: float
     ) -> Array:
         """Return L^-1 (L' domega_d + dL' omega_d - dL omega_e + k_Vo do_de + k_Po o_de).
 

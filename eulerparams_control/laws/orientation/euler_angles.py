@@ -4,7 +4,7 @@ The state of their rotational impedance is ``y`` = (phi_cd, dphi_cd), phi_cd = p
 driven by ``u`` = (phi_d, mu), phi_d without jumps by a turn.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -58,13 +58,7 @@ class EulerAnglesRepresentation(OrientationRepresentation):
         return sequence.T(phi_e) @ (dphi_d + k_Po * phi_de)  # (23), (24)
 
     def acceleration(
-        self,
-        x_de: EulerAnglesDisplacement,
-        omega_d: Array,
-        domega_d: Array,
-        omega_e: Array,
-        k_Po: float,
-        k_Vo: float,
+        self, x_de: Any, omega_d: Array, domega_d: Array, omega_e: Array, k_Po: float, k_Vo: float
     ) -> Array:
         """Return T (ddphi_d + k_Vo Delta dphi_de + k_Po Delta phi_de) + dT dphi_e, eq. (38).
 

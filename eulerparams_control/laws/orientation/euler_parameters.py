@@ -1,7 +1,7 @@
 """Euler parameters: the vector part of the mutual unit quaternion, eqs. (27), (30), (42), (66)."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from eulerparams_control.laws.jit import f8, jit, matrix, new_vector, vector
 from eulerparams_control.laws.orientation.base import Lyapunov
@@ -50,13 +50,7 @@ class EulerParametersRepresentation(RelativeQuaternionRepresentation):
         return omega_d + k_Po * eps_de  # (28)
 
     def acceleration(
-        self,
-        x_de: QuaternionDisplacement,
-        omega_d: Array,
-        domega_d: Array,
-        omega_e: Array,
-        k_Po: float,
-        k_Vo: float,
+        self, x_de: Any, omega_d: Array, domega_d: Array, omega_e: Array, k_Po: float, k_Vo: float
     ) -> Array:
         """Return the acceleration of (40)."""
         eps_de, omega_de = x_de.error, omega_d - omega_e

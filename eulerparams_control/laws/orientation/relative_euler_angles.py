@@ -4,7 +4,7 @@ The state of their rotational impedance is ``y`` = (phi_cd, dphi_cd) of R_d' R_c
 ``u`` = mu^d.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -53,13 +53,7 @@ class RelativeEulerAnglesRepresentation(OrientationRepresentation):
         return omega_d + k_Po * (x_de.T_e @ x_de.error)
 
     def acceleration(
-        self,
-        x_de: RelativeEulerAnglesDisplacement,
-        omega_d: Array,
-        domega_d: Array,
-        omega_e: Array,
-        k_Po: float,
-        k_Vo: float,
+        self, x_de: Any, omega_d: Array, domega_d: Array, omega_e: Array, k_Po: float, k_Vo: float
     ) -> Array:
         """Return domega_d - dT_e dphi_de + T_e (k_Vo dphi_de + k_Po phi_de).
 
