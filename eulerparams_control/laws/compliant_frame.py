@@ -29,10 +29,9 @@ from eulerparams_control.laws.impedance_change import (
     kinetic,
 )
 from eulerparams_control.laws.impedance_matrices import Impedance, Matrices
-from eulerparams_control.laws.jit import f8, jit, types, vector
 from eulerparams_control.laws.orientation import OrientationRepresentation
-from eulerparams_control.laws.rotations import Array, cross, exp, log
-from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement
+from eulerparams_control.laws.rotations import Array, cross, exp
+from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement, jumped
 from eulerparams_control.motion.motion_limits import MotionLimits
 
 TRANSLATIONAL_FRAMES = ("base", "desired")
@@ -56,9 +55,6 @@ _LONGEST_STOP = 0.5  # the same, however low the accelerations are
 
 # A tank with no more than this part of its most is empty.
 _EMPTY = 0.01
-
-# Deviation from its extrapolated motion [m, rad; m/s, rad/s] from which a desired frame has jumped.
-_JUMP, _VELOCITY_JUMP = 1e-5, 1e-2
 
 
 def impedance_rates(
@@ -324,7 +320,7 @@ class CompliantFrame:
         if self.now is None:
             return desired, desired, True
         before, begins = self._desired, self._known is not _Known.STATE
-        if before is None or self._known is _Known.FRAME or _jumped(before, desired, dt):
+        if before is None or self._known is _Known.FRAME or jumped(before, desired, dt):
             return self.now, desired.moved(-dt), True  # as if it had come from there
         return self.now, before, begins
 
@@ -435,31 +431,6 @@ class CompliantFrame:
         spring = self.law.orientation.spring(self._desired.R_d, self.now.R_d, Z_o.K)
         moving = kinetic(Z_p, z[3:6]) + kinetic(Z_o, z[-3:])
         return moving + elastic(Z_p, z[:3]) + spring.energy
-
-
-@jit(types.UniTuple(f8, 2)(vector, vector, vector, vector, vector, f8))
-def _mismatch(
-    d: Array, v_0: Array, a_0: Array, v_1: Array, a_1: Array, dt: float
-) -> tuple[float, float]:
-    """Return by how much a way d (3,), and a change of velocity, are not those of the motion.
-
-    That is by the trapezoidal rule with its first correction.
-    """
-    half, bend, way, change = dt / 2.0, dt * dt / 12.0, 0.0, 0.0
-    for i in range(3):
-        led = half * (v_0[i] + v_1[i]) - bend * (a_1[i] - a_0[i])
-        way = max(way, abs(d[i] - led))
-        change = max(change, abs(v_1[i] - v_0[i] - half * (a_0[i] + a_1[i])))
-    return way, change
-
-
-def _jumped(before: DesiredFrame, now: DesiredFrame, dt: float) -> bool:
-    """Return whether the desired frame is not where, or as fast as, its motion led."""
-    p_0, R_0, dp_0, omega_0, ddp_0, domega_0 = before
-    p_1, R_1, dp_1, omega_1, ddp_1, domega_1 = now
-    way, dv = _mismatch(p_1 - p_0, dp_0, ddp_0, dp_1, ddp_1, dt)
-    turn, domega = _mismatch(log(R_1 @ R_0.T), omega_0, domega_0, omega_1, domega_1, dt)
-    return not (max(way, turn) <= _JUMP and max(dv, domega) <= _VELOCITY_JUMP)
 
 
 def _square(*arrays: Array) -> float:

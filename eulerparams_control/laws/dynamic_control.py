@@ -375,3 +375,44 @@ def braked(k_P: float, k_V: float, e: float, speed: float, a: float, resisted: f
     if math.isinf(v) or k_P * e <= k_V * v + resisted:
         return k_P
     return (k_V * v + resisted) / e
+
+
+class NoMotionLoop:
+    """Commands nothing: the compliant frame goes to a controller of positions (admittance)."""
+
+    fastest_gain, hold_rate, loop_rate = None, 0.0, 0.0  # the loops are those of the robot
+
+    def __init__(self, robot: Robot, parameters: "ResolvedParameters") -> None:
+        self.robot = robot
+        self.change(parameters)
+
+    def change(self, parameters: "ResolvedParameters") -> None:
+        """Go over to other limits."""
+        self.parameters, self.limits = parameters, parameters.limits(self.robot)
+
+    @property
+    def bounds(self) -> Bounds:
+        """The limits of the joints."""
+        return Bounds(self.limits)
+
+    def follow(
+        self, dt: float, state: DynamicState, desired: DesiredFrame, h: Array | None = None
+    ) -> Tick:
+        """Return no efforts; raises FollowingError if the arm does not follow."""
+        if self.limits is not None:
+            bounds = self.parameters.max_error_position, self.parameters.max_error_rotation
+            refuse_error(desired, state.arm, *bounds)
+        return Tick(JointCommand(), desired, state.arm, None)
+
+    def hold(self, dt: float, q: Array, dq: Array, w: Array | None = None) -> JointCommand:
+        """Return no command."""
+        return JointCommand()
+
+    def last_command(self, q: Array, dq: Array) -> JointCommand:
+        """Return no command."""
+        return JointCommand()
+
+    def _nothing(self, *_: Any) -> None:
+        """There are no joints that are commanded, no efforts, and no rates."""
+
+    bound = reset = resume = start_from = skip = note_contact = _nothing

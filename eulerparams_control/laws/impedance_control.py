@@ -23,7 +23,7 @@ from eulerparams_control.errors import (
 from eulerparams_control.laws.blend import Blend
 from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFrame
 from eulerparams_control.laws.contact_watch import ContactWatch, Oscillation
-from eulerparams_control.laws.dynamic_control import DynamicControl
+from eulerparams_control.laws.dynamic_control import DynamicControl, NoMotionLoop
 from eulerparams_control.laws.force_control import ForceControl
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import Lyapunov
@@ -34,7 +34,6 @@ from eulerparams_control.laws.scheme import (
     LoopGain,
     Scheme,
     Tick,
-    refuse_error,
 )
 from eulerparams_control.laws.wrench import SensedWrench, WrenchChain, at_point
 from eulerparams_control.motion.frames import DesiredFrame
@@ -54,47 +53,6 @@ _AT_ITS_END = 0.99
 _CALMER, _CALMEST, _FREE = 3.0, 9.0, 2.0
 
 _NO_WRENCH = np.zeros(6)
-
-
-class NoMotionLoop:
-    """Commands nothing: the compliant frame goes to a controller of positions (admittance)."""
-
-    fastest_gain, hold_rate, loop_rate = None, 0.0, 0.0  # the loops are those of the robot
-
-    def __init__(self, robot: Robot, parameters: "ImpedanceParameters") -> None:
-        self.robot = robot
-        self.change(parameters)
-
-    def change(self, parameters: "ImpedanceParameters") -> None:
-        """Go over to other limits."""
-        self.parameters, self.limits = parameters, parameters.limits(self.robot)
-
-    @property
-    def bounds(self) -> Bounds:
-        """The limits of the joints."""
-        return Bounds(self.limits)
-
-    def follow(
-        self, dt: float, state: DynamicState, desired: DesiredFrame, h: Array | None = None
-    ) -> Tick:
-        """Return no efforts; raises FollowingError if the arm does not follow."""
-        if self.limits is not None:
-            bounds = self.parameters.max_error_position, self.parameters.max_error_rotation
-            refuse_error(desired, state.arm, *bounds)
-        return Tick(JointCommand(), desired, state.arm, None)
-
-    def hold(self, dt: float, q: Array, dq: Array, w: Array | None = None) -> JointCommand:
-        """Return no command."""
-        return JointCommand()
-
-    def last_command(self, q: Array, dq: Array) -> JointCommand:
-        """Return no command."""
-        return JointCommand()
-
-    def _nothing(self, *_: Any) -> None:
-        """There are no joints that are commanded, no efforts, and no rates."""
-
-    bound = reset = resume = start_from = skip = note_contact = _nothing
 
 
 class ImpedanceControl(Scheme):

@@ -21,10 +21,22 @@ from eulerparams_control.laws.jit import (
     types,
     vector,
 )
-from eulerparams_control.laws.rotations import angle_between, cross, dot, exp, norm, product, turn
+from eulerparams_control.laws.rotations import (
+    angle_between,
+    cross,
+    dot,
+    exp,
+    log,
+    norm,
+    product,
+    turn,
+)
 
 _ZERO = np.zeros(3)
 _ZERO.setflags(write=False)
+
+# Deviation from its extrapolated motion [m, rad; m/s, rad/s] from which a desired frame has jumped.
+_JUMP, _VELOCITY_JUMP = 1e-5, 1e-2
 
 
 class Placement(NamedTuple):
@@ -161,3 +173,28 @@ def apart(here: DesiredFrame, there: DesiredFrame) -> tuple[float, ...]:
     """
     rates = zip(here[2:], there[2:], strict=True)
     return *distance(here, there), *(norm(after - before) for before, after in rates)
+
+
+@jit(types.UniTuple(f8, 2)(vector, vector, vector, vector, vector, f8))
+def _mismatch(
+    d: Array, v_0: Array, a_0: Array, v_1: Array, a_1: Array, dt: float
+) -> tuple[float, float]:
+    """Return by how much a way d (3,), and a change of velocity, are not those of the motion.
+
+    That is by the trapezoidal rule with its first correction.
+    """
+    half, bend, way, change = dt / 2.0, dt * dt / 12.0, 0.0, 0.0
+    for i in range(3):
+        led = half * (v_0[i] + v_1[i]) - bend * (a_1[i] - a_0[i])
+        way = max(way, abs(d[i] - led))
+        change = max(change, abs(v_1[i] - v_0[i] - half * (a_0[i] + a_1[i])))
+    return way, change
+
+
+def jumped(before: DesiredFrame, now: DesiredFrame, dt: float) -> bool:
+    """Return whether the desired frame is not where, or as fast as, its motion led."""
+    p_0, R_0, dp_0, omega_0, ddp_0, domega_0 = before
+    p_1, R_1, dp_1, omega_1, ddp_1, domega_1 = now
+    way, dv = _mismatch(p_1 - p_0, dp_0, ddp_0, dp_1, ddp_1, dt)
+    turn, domega = _mismatch(log(R_1 @ R_0.T), omega_0, domega_0, omega_1, domega_1, dt)
+    return not (max(way, turn) <= _JUMP and max(dv, domega) <= _VELOCITY_JUMP)
