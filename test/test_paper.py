@@ -233,7 +233,14 @@ INTEGRATED = 1e-6
 result_of = cache(run_library)
 
 
-@pytest.fixture(params=library_names())
+def names():
+    """Return the library experiments; maps take most of a minute each."""
+    for name in library_names():
+        marks = pytest.mark.slow if name.startswith("map_") else ()
+        yield pytest.param(name, marks=marks)
+
+
+@pytest.fixture(params=names())
 def found(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> tuple[str, Result]:
     monkeypatch.setattr(e1, "SAMPLES", e1.FEW)  # the page of the paper has more
     return request.param, result_of(request.param)
