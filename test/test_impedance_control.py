@@ -428,6 +428,37 @@ def test_other_parameters_change_the_impedance_only_as_far_as_there_is_energy():
     assert_close(after.p_d, before.p_d, 1e-4)
 
 
+# Of turned axes square roots of K_o are symmetric to rounding only.
+TURNED_AXES = tuple(rodrigues(1.1, np.array([0.48, 0.6, 0.64])).T.ravel().tolist())
+
+
+def test_a_stiffness_of_turned_axes_may_be_sent_again_while_it_is_gone_over_to():
+    scheme = admittance(K_o_axes=TURNED_AXES)
+    lead(scheme, NO_WRENCH, 0.1)
+    other = parameters(K_o_axes=TURNED_AXES, K_o=(30.0, 70.0, 110.0)).compliance_law(UR5)
+    for _ in range(60):  # until nothing is left of the change but its rounding
+        scheme.change_impedance(other)
+        lead(scheme, NO_WRENCH, 0.02, dt=0.02)
+    assert scheme.law is other
+
+
+def test_a_stop_in_the_midst_of_a_change_with_more_damping_holds_the_tip():
+    scheme = admittance(K_o_axes=TURNED_AXES)
+    lead(scheme, NO_WRENCH, 0.1)
+    scheme._damp(3.0)
+    other = parameters(K_o_axes=TURNED_AXES, K_o=(30.0, 70.0, 110.0)).compliance_law(UR5)
+    scheme.change_impedance(other)
+    for _ in range(35):
+        lead(scheme, NO_WRENCH, 0.02, dt=0.02)
+        before = scheme.compliant.now
+        held = scheme.hold(DT, at_the_middle(), STILL).frame
+        assert scheme.damping == 1.0
+        assert_close(held.p_d, before.p_d, 1e-3)
+        lead(scheme, NO_WRENCH, 0.02, dt=0.02)
+        scheme._damp(3.0)
+        scheme.change_impedance(other)
+
+
 def test_a_low_pass_restarts_where_the_wrench_was_lost():
     scheme, w = admittance(wrench_cutoff=0.5), np.array([10.0, 0, 5.0, 0, 1.0, 0])
     lead(scheme, NO_WRENCH, 0.1, dt=0.01)

@@ -132,7 +132,7 @@ def clipped(energy: float, clip: float) -> tuple[float, float, float]:
         return 1.0, 0.0, energy
     s = math.sqrt(2.0 * energy)
     if s > clip:
-        return clip / s, s / clip, clip * s - clip * clip / 2.0
+        return clip / s, s / clip if clip > 0.0 else math.inf, clip * s - clip * clip / 2.0
     return 1.0, s / clip, energy
 
 

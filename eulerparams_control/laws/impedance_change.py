@@ -36,6 +36,7 @@ DONE = 1e-6
 def dip_of(K_0: Array, K_1: Array) -> Array:
     """Return (K_0^1/2 - K_1^1/2)^2 (3, 3): K(s) = (1 - s) K_0 + s K_1 - s (1 - s) dip, (IC2)."""
     root = square_root(K_0) - square_root(K_1)
+    root = (root + root.T) / 2  # freed of its rounding: the dip is symmetric
     return root @ root
 
 

@@ -36,7 +36,7 @@ from eulerparams_control.laws.scheme import (
     Tick,
 )
 from eulerparams_control.laws.wrench import SensedWrench, WrenchChain, at_point
-from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame
 from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
 
 if TYPE_CHECKING:
@@ -53,6 +53,7 @@ _AT_ITS_END = 0.99
 _CALMER, _CALMEST, _FREE = 3.0, 9.0, 2.0
 
 _NO_WRENCH = np.zeros(6)
+_NO_WRENCH.setflags(write=False)
 
 
 class ImpedanceControl(Scheme):
@@ -123,6 +124,11 @@ class ImpedanceControl(Scheme):
         """Let the motion loop keep to limits of the joints from the next tick on."""
         self.motion.bound(joints)
 
+    def rehearse(self) -> None:
+        """Rehearse with a wrench: without one the compliant frame is frozen."""
+        self.sense(SensedWrench(np.zeros(6), AT_ORIGIN))
+        super().rehearse()
+
     def sense(self, wrench: SensedWrench | None) -> None:
         """Take what the sensor measures for the ticks that follow; None: it is not known."""
         if (wrench is None) != (self._sensed is None) and self.compliant.now is not None:
@@ -154,13 +160,12 @@ class ImpedanceControl(Scheme):
         """
         robot, law = self.robot, parameters.compliance_law(self.robot)
         centre, force = parameters.centre(robot), parameters.force_options(law)
-        wrench = parameters.wrench_options(robot)
+        wrench, now = parameters.wrench_options(robot), self.compliant.law_now
+        kept = replace(now, orientation=law.orientation, frame=law.frame, bounds=law.bounds)
         if self.force.is_on and force.axes != self.force.options.axes:
             raise ConfigurationError("force_axes cannot change while target_wrench is followed")
         self.motion.change(parameters)
         self.loop_rate = self.motion.loop_rate
-        now = self.compliant.law_now
-        kept = replace(now, orientation=law.orientation, frame=law.frame, bounds=law.bounds)
         self.compliant.replace_law(kept, (self.centre.inverse, centre))
         self.compliant.limit_energy(parameters.stiffness_energy)
         self.compliant.change_impedance(law)
@@ -178,9 +183,9 @@ class ImpedanceControl(Scheme):
         Args:
             law: with the representation, frame and bounds of the present one.
         """
-        self.law = law
-        self.contact.expect_changes()
         self.compliant.change_impedance(law.damped(self.damping))
+        self.contact.expect_changes()
+        self.law = law
 
     def tare(self, felt: Array) -> None:
         """Take ``felt`` (6,), a mean of :meth:`WrenchChain.felt`, for no contact from now on."""
@@ -235,8 +240,8 @@ class ImpedanceControl(Scheme):
         return self.chain.contact(self._sensed, self.robot.state(q, dq), None, 0.0)
 
     def _forget(self) -> None:
+        self.compliant.reset()  # first: then the damping changes at once
         self._damp(1.0)
-        self.compliant.reset()
         self.force.reset()
         self._reach = 0.0
         self.contact.reset()
@@ -351,7 +356,7 @@ class ImpedanceControl(Scheme):
         return law.orientation.lyapunov_3(
             desired.R_d.T @ compliant.R_d,
             desired.R_d.T @ (compliant.omega_d - desired.omega_d),
-            law.rotation,
+            self.compliant.law_now.rotation,
             desired.R_d.T @ mu,
         )
 

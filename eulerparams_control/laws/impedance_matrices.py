@@ -18,6 +18,9 @@ type Numbers = Sequence[float]
 
 _ROUNDING = 1e-9  # of an element that is zero, or has a symmetric one, over the largest element
 _AXES_TOLERANCE = 1e-3  # of three axes printed with 4 digits
+# No mass [kg], inertia [kg m^2] is smaller: its inverse would overflow.
+_LEAST_MASS = 1e-100
+
 _ROWS, _COLUMNS = np.triu_indices(3)  # xx, xy, xz, yy, yz, zz
 
 
@@ -49,7 +52,7 @@ class Impedance:
     def __post_init__(self) -> None:
         for name in ("M", "D", "K"):
             _check(name, getattr(self, name))
-        if not np.linalg.eigvalsh(self.M)[0] > 0:
+        if not self.least_mass > _LEAST_MASS:
             raise ConfigurationError(f"M is not positive definite: {self.M.tolist()}")
 
     @cached_property

@@ -13,7 +13,7 @@ import numpy as np
 from eulerparams_control.laws import jit as _jit
 from eulerparams_control.laws.jit import Array, f8, i8, jit, new_matrix, new_vector, types, vector
 
-__all__ = ["Array", "EulerParameters", "S", "cross"]
+__all__ = ["Array"]  # from jit; what is defined here besides
 
 _matrix = _jit.matrix
 _quaternion = types.Tuple((f8, new_vector))
@@ -94,11 +94,6 @@ def mutual(Q_1: EulerParameters, Q_2: EulerParameters) -> EulerParameters:
         Q_1.eta * Q_2.eta + dot(Q_1.eps, Q_2.eps),  # eq. (12)
         Q_1.eta * Q_2.eps - Q_2.eta * Q_1.eps - cross(Q_1.eps, Q_2.eps),  # eq. (13)
     )
-
-
-def product_of(Q_1: EulerParameters, Q_2: EulerParameters) -> EulerParameters:
-    """Return the quaternion product, the Euler parameters of R(Q_1) R(Q_2)."""
-    return mutual(Q_1.conjugate, Q_2)
 
 
 def propagation(Q: EulerParameters, omega: Array) -> EulerParameters:

@@ -120,14 +120,6 @@ def refuse_error(desired: DesiredFrame, arm: RobotState, position: float, rotati
         )
 
 
-def rehearse(scheme: "Scheme") -> None:
-    """Make two ticks at zero, so that nothing is done for the first time while an arm moves."""
-    zero = np.zeros(scheme.robot.n)
-    with suppress(EulerParamsError):  # zero may be singular
-        for _ in range(2):
-            scheme.tick(1e-3, zero, zero, scheme.frame_at(zero))
-
-
 class Scheme(ABC):
     """A control scheme of the paper, with its unavoidable state.
 
@@ -140,6 +132,14 @@ class Scheme(ABC):
     robot: Robot
     is_frozen = False
     loop_rate = 0.0
+
+    def rehearse(self) -> None:
+        """Make two ticks at zero, and hold: the first time is not while an arm moves."""
+        zero = np.zeros(self.robot.n)
+        with suppress(EulerParamsError):  # zero may be singular
+            for _ in range(2):
+                self.tick(1e-3, zero, zero, self.frame_at(zero))
+        self.hold(1e-3, zero, zero)
 
     def frame_at(self, q: Array) -> DesiredFrame:
         """Return the frame of the tip at rest at the positions q (n,)."""

@@ -63,7 +63,7 @@ AT_ORIGIN = Placement(np.eye(3), np.zeros(3))
 
 
 class DesiredFrame(NamedTuple):
-    """The desired frame at one instant, base frame.
+    """The desired frame at one instant, base frame; all are arrays of float64.
 
     Attributes:
         p_d: (3,) [m].

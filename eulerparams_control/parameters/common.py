@@ -262,7 +262,7 @@ class ControlParameters(RealTimeParameters):
                 f"posture has {len(self.posture)} values; expected one for each of the {robot.n} "
                 f"joints {', '.join(robot.joints)}"
             )
-        return np.array(self.posture) if self.posture else None
+        return np.array(self.posture, dtype=float) if self.posture else None
 
 
 def each_joint(name: str, given: tuple[float, ...], robot: Robot) -> Array:

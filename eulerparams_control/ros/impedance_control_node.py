@@ -96,11 +96,11 @@ class ImpedanceControlNode(ControlNode):
         wanted = replace(p, K_p=tuple(K_p.tolist()), K_o=tuple(K_o.tolist()))
         try:
             compliance = wanted.compliance_law(robot)
+            assert isinstance(controller.scheme, ImpedanceControl)
+            controller.scheme.change_impedance(compliance)
         except ConfigurationError as error:
             raise InvalidMessageError(str(error)) from error
         self._target = TargetStiffness(p, wanted)
-        assert isinstance(controller.scheme, ImpedanceControl)
-        controller.scheme.change_impedance(compliance)
 
     def make_commands(self, joints: tuple[str, ...]) -> ComplianceCommands:
         """Return the publishers of ``compliant_frame`` and ``joint_effort``."""

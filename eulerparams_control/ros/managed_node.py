@@ -22,7 +22,7 @@ from eulerparams_control.errors import (
     defect,
 )
 from eulerparams_control.events import Event, tell
-from eulerparams_control.laws.scheme import Scheme, rehearse
+from eulerparams_control.laws.scheme import Scheme
 from eulerparams_control.messages.keys import Lifecycle
 from eulerparams_control.messages.keys import LifecycleCause as Cause
 from eulerparams_control.parameters.common import ControlParameters
@@ -158,8 +158,7 @@ class ManagedNode(LifecycleNode):
                 )
             robot = self._params.robot(self._description)
             robot.refuse_joints()
-            # refuses now what activation would refuse
-            rehearse(self.make_scheme(robot))
+            self.make_scheme(robot).rehearse()  # refuses now what activation would refuse
         except EulerParamsError as error:
             return self._fail(f"not configured: {error}", Lifecycle.UNCONFIGURED)
         self._robot = robot
