@@ -11,7 +11,7 @@ from eulerparams_control.control.mode import Cause, Why
 from eulerparams_control.errors import InvalidMessageError, listed
 
 # How the graph calls a node whose name it has not learnt yet.
-_UNKNOWN = "_NODE_NAME_UNKNOWN_"
+UNKNOWN_NAME = "_NODE_NAME_UNKNOWN_"
 
 
 def names_of_publishers(node: Node, topic: str) -> list[str]:
@@ -20,7 +20,7 @@ def names_of_publishers(node: Node, topic: str) -> list[str]:
 
 
 def _name_of(info: TopicEndpointInfo) -> str:
-    if info.node_name == _UNKNOWN:
+    if info.node_name == UNKNOWN_NAME:
         return ""
     return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
 

@@ -26,10 +26,12 @@ from eulerparams_control.errors import BagError, ConfigurationError
 from eulerparams_control.events import Event, tell
 from eulerparams_control.parameters.fields import parameter
 from eulerparams_control.ros.parameters import declare
+from eulerparams_control.ros.publishers import UNKNOWN_NAME
 
 _TICK_SECONDS = 0.1
 _REMIND_SECONDS = 2.0
 _PUBLISHERS_SECONDS = 1.0
+_NAME_SECONDS = 5.0  # a publisher that is no node's has no name
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,8 +51,9 @@ class RecorderParameters:
 class BagRecorder(Node):
     """Records until it is closed.
 
-    With a list of topics it waits until each has a publisher, then subscribes to all of
-    them at once; without one it takes every topic as it appears.
+    With a list of topics it waits until each has a publisher, and the nodes of these have told
+    their parameters, then subscribes to all of them at once; without one it takes every topic as
+    it appears.
 
     Raises:
         BagError: if the folder exists; later, if the disk is full.
@@ -67,6 +70,7 @@ class BagRecorder(Node):
         self._bag = BagWriter(self._options.output or time.strftime("rosbag2_%Y_%m_%d-%H_%M_%S"))
         self._recorded: dict[str, Subscription] = {}
         self._refused: set[str] = set()
+        self._nameless: dict[tuple[int, ...], float] = {}  # publishers, and when they were seen
         self._lost = 0
         self._error: BagError | None = None
         self._node_parameters = RemoteParameters(self)
@@ -115,7 +119,10 @@ class BagRecorder(Node):
     def _await_publishers(self) -> None:
         offers = {name: self._offers_of(name) for name in self._wanted}
         missing = [name for name, publishers in offers.items() if not publishers]
-        if not missing:
+        seen = [info for publishers in offers.values() for info in publishers]
+        self._ask(seen)
+        # else a short run would be over before its nodes have told their parameters
+        if not (missing or self._await_names(seen) or self._node_parameters.awaited):
             for name, publishers in offers.items():
                 self._record(name, publishers)
             self._step = self._await_matches
@@ -129,6 +136,12 @@ class BagRecorder(Node):
             tell(Event.READY)
             self._step = lambda: None
         self._remind(missing)
+
+    def _await_names(self, publishers: list[TopicEndpointInfo]) -> bool:
+        """Return whether the node of one of them may soon be known by its name."""
+        now = time.monotonic()
+        nameless = [tuple(i.endpoint_gid) for i in publishers if i.node_name == UNKNOWN_NAME]
+        return any(now - self._nameless.setdefault(gid, now) < _NAME_SECONDS for gid in nameless)
 
     def _remind(self, missing: list[str]) -> None:
         if missing and time.monotonic() - self._reminded > _REMIND_SECONDS:

@@ -36,9 +36,14 @@ class RemoteParameters:
         )
 
     @property
+    def awaited(self) -> bool:
+        """Whether a node is left that might answer soon."""
+        return bool(self._queries) and time.monotonic() <= self._deadline
+
+    @property
     def ready(self) -> bool:
-        """Whether there are new answers, and no node is left that might answer soon."""
-        return self._fresh and (not self._queries or time.monotonic() > self._deadline)
+        """Whether there are new answers, and none is awaited."""
+        return self._fresh and not self.awaited
 
     def ask(self, nodes: Iterable[str]) -> None:
         """Begin to ask the nodes of these full names that were not asked yet."""
