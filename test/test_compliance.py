@@ -42,7 +42,6 @@ from samples import (
 )
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
-from eulerparams_control.laws.compliance_bounds import ComplianceBounds
 from eulerparams_control.laws.compliant_frame import (
     MAX_RATE,
     STOP_TIME,
@@ -503,7 +502,7 @@ def test_another_law_goes_on_from_the_same_frame_and_velocities(before, after):
 # --- bounds of the compliant frame, and moments that it cannot balance ----------------------------
 def bounded(bounds=(0.1, 0.8, 0.3), name="euler_parameters", K_p=0.0):
     translation, rotation = Impedance(10 * I, 40 * I, K_p * I), Impedance(0.5 * I, 4 * I, 5 * I)
-    return ComplianceLaw(make(name), translation, rotation, bounds=ComplianceBounds(*bounds))
+    return ComplianceLaw(make(name), translation, rotation, bounds=bounds)
 
 
 def drifting(t):
@@ -535,7 +534,8 @@ def test_a_push_ends_at_the_bounds_without_a_jump(name, desired_at, dt):
 
 
 def test_it_comes_back_from_bounds_that_are_lowered_and_at_once_when_the_push_ends():
-    compliant, push = CompliantFrame(bounded((), K_p=100.0)), wrench([20.0, 0, 0], [0, 0, 4.0])
+    compliant = CompliantFrame(bounded((math.inf,) * 3, K_p=100.0))
+    push = wrench([20.0, 0, 0], [0, 0, 4.0])
     free = follow(compliant, constant(at()), constant(push), times(0.7))
     compliant.replace_law(bounded((0.05, 0.3, 0.4), K_p=100.0))
     lowered = [compliant.step(DT, at(), push) for _ in range(1800)]

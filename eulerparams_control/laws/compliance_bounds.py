@@ -7,71 +7,48 @@ continuous.
 """
 
 import math
-from dataclasses import dataclass
 
-from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.jit import b1, f8, jit, new_vector, types, vector
 from eulerparams_control.laws.limits import POSITION_RATE
 from eulerparams_control.laws.rotations import Array, dot, exp, log, norm
 from eulerparams_control.motion.frames import DesiredFrame
 
 
-@dataclass(frozen=True)
-class ComplianceBounds:
-    """Bounds on the compliant relative to the desired frame.
+def bounded(
+    frame: DesiredFrame,
+    desired: DesiredFrame,
+    before: DesiredFrame,
+    desired_before: DesiredFrame,
+    dt: float,
+    bounds: tuple[float, float, float],
+) -> DesiredFrame:
+    """Return the compliant frame within the bounds; itself where it is.
 
-    Attributes:
-        position: [m] of the displacement.
-        rotation: [rad] of the displacement; pi or more: none.
-        speed: [m/s], and [rad/s], of the one relative to the other.
-
-    Raises:
-        ConfigurationError: if one is not positive.
+    Args:
+        frame: the compliant frame as the impedance has it now.
+        desired: the desired frame now.
+        before, desired_before: both dt ago.
+        dt: positive [s].
+        bounds: X [m], X [rad], of pi or more for none, and the largest |v|.
     """
-
-    position: float = math.inf
-    rotation: float = math.inf
-    speed: float = math.inf
-
-    def __post_init__(self) -> None:
-        for name in ("position", "rotation", "speed"):
-            if not getattr(self, name) > 0:
-                raise ConfigurationError(f"{name} is {getattr(self, name)}; expected > 0")
-
-    def bounded(
-        self,
-        frame: DesiredFrame,
-        desired: DesiredFrame,
-        before: DesiredFrame,
-        desired_before: DesiredFrame,
-        dt: float,
-    ) -> tuple[DesiredFrame, bool]:
-        """Return the compliant frame within the bounds, and whether it had to change.
-
-        Args:
-            frame: the compliant frame as the impedance has it now.
-            desired: the desired frame now.
-            before, desired_before: both dt ago.
-            dt: positive [s].
-        """
-        p_c, R_c, dp_c, omega_c, ddp_c, domega_c = frame
-        rotation = self.rotation if self.rotation < math.pi else math.inf
-        v_0, omega_0 = before.dp_d - desired_before.dp_d, before.omega_d - desired_before.omega_d
-        x, v = p_c - desired.p_d, dp_c - desired.dp_d
-        v, is_slower = _bounded(x, v, v_0, self.position, self.speed, dt)
-        if is_slower:
-            dp_c = desired.dp_d + v
-            p_c = before.p_d + (dt / 2.0) * (before.dp_d + dp_c)
-            ddp_c = (dp_c - before.dp_d) / dt
-        x, omega = log(R_c @ desired.R_d.T), omega_c - desired.omega_d
-        omega, turns_slower = _bounded(x, omega, omega_0, rotation, self.speed, dt)
-        if turns_slower:
-            omega_c = desired.omega_d + omega
-            R_c = exp((dt / 2.0) * (before.omega_d + omega_c)) @ before.R_d
-            domega_c = (omega_c - before.omega_d) / dt
-        if not (is_slower or turns_slower):
-            return frame, False
-        return DesiredFrame(p_c, R_c, dp_c, omega_c, ddp_c, domega_c), True
+    p_c, R_c, dp_c, omega_c, ddp_c, domega_c = frame
+    position, rotation, speed = bounds
+    rotation = rotation if rotation < math.pi else math.inf
+    x, v, v_0 = p_c - desired.p_d, dp_c - desired.dp_d, before.dp_d - desired_before.dp_d
+    v, is_slower = _bounded(x, v, v_0, position, speed, dt)
+    if is_slower:
+        dp_c = desired.dp_d + v
+        p_c = before.p_d + (dt / 2.0) * (before.dp_d + dp_c)
+        ddp_c = (dp_c - before.dp_d) / dt
+    x, v, v_0 = log(R_c @ desired.R_d.T), omega_c - desired.omega_d, before.omega_d
+    v, turns_slower = _bounded(x, v, v_0 - desired_before.omega_d, rotation, speed, dt)
+    if turns_slower:
+        omega_c = desired.omega_d + v
+        R_c = exp((dt / 2.0) * (before.omega_d + omega_c)) @ before.R_d
+        domega_c = (omega_c - before.omega_d) / dt
+    if not (is_slower or turns_slower):
+        return frame
+    return DesiredFrame(p_c, R_c, dp_c, omega_c, ddp_c, domega_c)
 
 
 @jit(types.Tuple((new_vector, b1))(vector, vector, vector, f8, f8, f8))

@@ -4,35 +4,26 @@ The translational (52) and the rotational impedance (55), (59) are integrated on
 relative to the desired frame, by Runge-Kutta's method of order 4 with the wrench interpolated
 between its samples.
 
-Notation: ``x`` (3,) [m] translational displacement in the frame chosen, ``y`` the rotational
-state of the representation, ``f, mu`` [N, Nm] wrench of the environment on the end effector,
-about the origin of the frames; base frame if not said otherwise.  ``z`` = (x, dx, y) is driven by
-``v`` = (f, u), u that of the representation.
+Notation: ``x`` (3,) [m] translational displacement in the frame chosen, ``s`` = (x, dx), ``y`` the
+rotational state of the representation, driven by ``u``; ``f, mu`` [N, Nm] wrench of the environment
+on the end effector, about the origin of the frames; base frame if not said otherwise.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
-from eulerparams_control.laws.compliance_bounds import ComplianceBounds
-from eulerparams_control.laws.impedance_change import (
-    CHANGE_TIME,
-    DONE,
-    between,
-    dip_of,
-    elastic,
-    impedance_between,
-    kinetic,
-)
+from eulerparams_control.laws.compliance_bounds import bounded
+from eulerparams_control.laws.impedance_change import between, dip_of, impedance_between, later
 from eulerparams_control.laws.impedance_matrices import Impedance, Matrices
+from eulerparams_control.laws.jit import b1, f8, i8, jit, matrix, new_vector, vector
 from eulerparams_control.laws.orientation import OrientationRepresentation
-from eulerparams_control.laws.rotations import Array, cross, exp
+from eulerparams_control.laws.rotations import Array, cross, dot, exp, inverse, turn
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement, jumped
-from eulerparams_control.motion.motion_limits import MotionLimits
 
 TRANSLATIONAL_FRAMES = ("base", "desired")
 
@@ -51,29 +42,74 @@ _CAUTION = 0.9
 STOP_TIME = 0.05
 """A frozen compliant frame comes to rest with this time constant [s], a fast one later."""
 
-_LONGEST_STOP = 0.5  # the same, however low the accelerations are
-
 # A tank with no more than this part of its most is empty.
 _EMPTY = 0.01
 
+_NOT_FINITE = "the motion of the compliant frame is not finite"
+
+
+type State = tuple[Array, Array, Array, Array]
+"""s, y and what drives them: f in the axes of x, u as the representation takes it."""
+
 
 def impedance_rates(
-    z: Array, v: Array, orientation: OrientationRepresentation, Z_p: Matrices, Z_o: Matrices
-) -> Array:
-    """Return dz of the impedance equations (52), (55) or (59).
+    state: State, orientation: OrientationRepresentation, Z_p: Matrices, Z_o: Matrices
+) -> tuple[Array, Array]:
+    """Return ds and dy of the impedance equations (52) and (55) or (59).
 
     Args:
-        z: (x, dx, y), the displacement of the compliant from the desired frame.
-        v: (f, u), the contact, in the axes of x and as the representation takes it.
+        state: the displacement of the compliant from the desired frame, and the contact.
         orientation: (55) with Euler angles, (59) with Euler parameters, or another.
         Z_p: M_p^-1, D_p, K_p.
         Z_o: M_o^-1, D_o, K_o in the coordinates of the representation.
     """
-    x, dx, y = z[:3], z[3:6], z[6:]
-    f, u = v[:3], v[3:]
-    ddx = Z_p.M_inverse @ (f - Z_p.D @ dx - Z_p.K @ x)  # (52)
+    s, y, f, u = state
+    ds = translational_rate(s, f, *Z_p)  # (52)
     dy = orientation.state_rate(y, u, Z_o)  # (55), (59)
-    return np.concatenate((dx, ddx, dy))
+    return ds, dy
+
+
+@jit(new_vector(vector, vector, matrix, matrix, matrix))
+def translational_rate(s: Array, f: Array, M_inverse: Array, D: Array, K: Array) -> Array:
+    """Return ds of M_p ddx + D_p dx + K_p x = f, eq. (52)."""
+    x, dx, ds = s[:3], s[3:], np.empty(6)
+    ds[:3] = dx
+    ds[3:] = turn(M_inverse, f - turn(D, dx) - turn(K, x))  # (52)
+    return ds
+
+
+@jit(new_vector(vector, vector, vector, vector, vector, f8))
+def _stepped(y: Array, k_1: Array, k_2: Array, k_3: Array, k_4: Array, h: float) -> Array:
+    """Return y after a step of order 4 (Runge, Kutta) with its four rates."""
+    return y + (h / 6.0) * (k_1 + 2.0 * (k_2 + k_3) + k_4)
+
+
+@jit(new_vector(vector, vector, vector, f8, i8, matrix, matrix, matrix))
+def translated(
+    s: Array, f_0: Array, f_1: Array, dt: float, n: int, M_inverse: Array, D: Array, K: Array
+) -> Array:
+    """Return s dt [s] later by n steps, f going from f_0 to f_1."""
+    h, df, s = dt / n, (f_1 - f_0) / n, s.copy()
+    for i in range(n):
+        f = f_0 + i * df
+        middle = f + 0.5 * df
+        k_1 = translational_rate(s, f, M_inverse, D, K)
+        k_2 = translational_rate(s + (0.5 * h) * k_1, middle, M_inverse, D, K)
+        k_3 = translational_rate(s + (0.5 * h) * k_2, middle, M_inverse, D, K)
+        k_4 = translational_rate(s + h * k_3, f + df, M_inverse, D, K)
+        s = _stepped(s, k_1, k_2, k_3, k_4, h)
+    return s
+
+
+@jit(b1(vector, matrix, vector, vector, vector, vector, vector))
+def _are_finite(
+    p: Array, R: Array, dp: Array, omega: Array, ddp: Array, domega: Array, w: Array
+) -> bool:
+    """Return whether the squares of all numbers of a frame and of a vector w are finite."""
+    squares = (R * R).sum() + (w * w).sum()
+    for v in (p, dp, omega, ddp, domega):
+        squares += dot(v, v)
+    return math.isfinite(squares)
 
 
 @dataclass(frozen=True)
@@ -82,12 +118,10 @@ class ComplianceLaw:
 
     Attributes:
         orientation: the representation of the rotational displacement.
-        translation: M_p, D_p, K_p.
-        rotation: M_o, D_o, K_o.
+        translation, rotation: M_p, D_p, K_p and M_o, D_o, K_o.
         frame: whose axes M_p, D_p and K_p refer to, "base" or "desired".
-        bounds: of the displacement and its speed.
+        bounds: [m], [rad], [m/s, rad/s] of the displacement and its speed, see :func:`bounded`.
         max_rate: [1/s] of the faster impedance.
-        Z_p, Z_o: the matrices, the rotational ones in the coordinates of the representation.
 
     Raises:
         ConfigurationError: if the impedance is too fast, or has no form in the representation.
@@ -97,22 +131,29 @@ class ComplianceLaw:
     translation: Impedance
     rotation: Impedance
     frame: str = "base"
-    bounds: ComplianceBounds = field(default_factory=ComplianceBounds)
+    bounds: tuple[float, float, float] = (math.inf,) * 3
     max_rate: float = field(default=MAX_RATE, repr=False, compare=False)
-    Z_p: Matrices = field(init=False, repr=False, compare=False)
-    Z_o: Matrices = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.frame not in TRANSLATIONAL_FRAMES:
             raise UnknownNameError("translational_frame", self.frame, TRANSLATIONAL_FRAMES)
-        object.__setattr__(self, "Z_p", self.translation.values)
-        object.__setattr__(self, "Z_o", self.orientation.impedance(self.rotation).values)
+        self.orientation.impedance(self.rotation)  # raises where there is none
         for name, Z in (("_p", self.translation), ("_o", self.rotation)):
             if Z.rate > self.max_rate:
                 raise ConfigurationError(
                     f"M{name} is too small for D{name} or K{name}: the impedance moves at "
                     f"{Z.rate:.4g} 1/s; at most {self.max_rate:g} 1/s is possible: raise M{name}"
                 )
+
+    @cached_property
+    def matrices(self) -> tuple[Matrices, Matrices]:
+        """Z_p and Z_o, this in the coordinates of the representation."""
+        return self.translation.values, self.orientation.impedance(self.rotation).values
+
+    @cached_property
+    def rate(self) -> float:
+        """The largest rate [1/s] of both impedances."""
+        return max(self.translation.rate, self.rotation.rate)
 
     def damped(self, times: float) -> "ComplianceLaw":
         """Return the law with so many times its damping; raises ConfigurationError."""
@@ -124,39 +165,21 @@ class ComplianceLaw:
         K = self.translation.K
         return K if self.frame == "base" else R_d @ K @ R_d.T
 
-    @property
-    def rate(self) -> float:
-        """The largest rate [1/s] of both impedances."""
-        return max(self.translation.rate, self.rotation.rate)
-
     def is_like(self, other: "ComplianceLaw") -> bool:
         """Whether both have the same equations, numbers and bounds."""
-        matrices = zip((*self.Z_p, *self.Z_o), (*other.Z_p, *other.Z_o), strict=True)
         rest = (self.orientation, self.frame, self.bounds)
         is_same = rest == (other.orientation, other.frame, other.bounds)
-        return is_same and all(np.array_equal(one, another) for one, another in matrices)
-
-
-class _Known(IntEnum):
-    """What is known of the last step."""
-
-    NOTHING = 0
-    FRAME = 1  # the compliant frame
-    FRAMES = 2  # and the desired frame
-    STATE = 3  # and z
+        return is_same and np.array_equal(self.matrices, other.matrices)
 
 
 class CompliantFrame:
     """The compliant frame with its state, relative to the desired frame.
 
-    Args:
-        law: its equations.
-        tank: the energy [J] that changes of the impedance may add, beside what the damping takes.
-
     Attributes:
         law: the equations; those that a change leads to while one is under way.
         changed: how far a change of the impedance is, s from 0 to 1.
-        energy_left: the energy [J] that is left for changes of the impedance.
+        energy_left: the energy [J] that changes of the impedance may add, beside what the damping
+            takes.
         now: the compliant frame of the last step; None before the first.
     """
 
@@ -164,7 +187,7 @@ class CompliantFrame:
 
     def __init__(self, law: ComplianceLaw, tank: float = math.inf) -> None:
         self.law = self._before = law
-        self._dips, self._most_energy = (np.zeros((3, 3)), np.zeros((3, 3))), tank
+        self._dips, self._most_energy = [np.zeros((3, 3))] * 2, tank
         self.reset()
 
     @property
@@ -183,75 +206,60 @@ class CompliantFrame:
         return self.changed < 1.0 and self.energy_left <= _EMPTY * self._most_energy
 
     def limit_energy(self, tank: float) -> None:
-        """Bound the energy [J] of changes from now on; what is there stays, as far as it fits."""
+        """Bound ``energy_left`` from now on; what is there stays, as far as it fits."""
         if tank < self._most_energy:
             self.energy_left = min(self.energy_left, tank)
         self._most_energy = tank
 
     def reset(self) -> None:
         """Forget the state; a change is done, and its tank full."""
-        self.changed = 1.0
-        self.energy_left = self._most_energy
+        self.changed, self.energy_left = 1.0, self._most_energy
         self.now: DesiredFrame | None = None
-        self._desired: DesiredFrame | None = None
-        self._known = _Known.NOTHING
         self._wrench: Array | None = None  # of the last step
-        self._z, self._v = np.zeros(0), np.zeros(0)
+        self._forget()
+
+    def _forget(self) -> None:
+        """Let the next step begin from the compliant frame alone."""
+        self._desired: DesiredFrame | None = None  # of the last step
+        self._state: State | None = None
 
     def replace_law(
         self, law: ComplianceLaw, moved: tuple[Placement, Placement] = (AT_ORIGIN, AT_ORIGIN)
     ) -> None:
         """Go on with other equations from the same frame and velocities.
 
-        Args:
-            law: the equations.
-            moved: placements by which the centre of compliance moves, one after the other.
+        ``moved`` leads, one after the other, from the centre of compliance to another.
         """
-        now, wrench, left = self.now, self._wrench, self.energy_left
-        self.law = law
-        self.reset()
-        self._wrench, self.energy_left = wrench, left
-        if now is not None:  # the state is recomputed from the frames
-            self.now = now.carrying(moved[0]).carrying(moved[1])
-            self._known = _Known.FRAME
+        self.law, self.changed = law, 1.0
+        self._forget()
+        if self.now is not None:
+            self.now = self.now.carrying(moved[0]).carrying(moved[1])
 
     def change_impedance(self, law: ComplianceLaw) -> None:
         """Go over to another impedance, smoothly, and as far as there is energy for it.
 
-        Args:
-            law: with the same representation and translational frame.
+        The representation and the translational frame of ``law`` are the same.
         """
         before = self.law_now
         if self.now is None or before.is_like(law):
             self.replace_law(law)
             return
-        dip_o = dip_of(before.rotation.K, law.rotation.K)
-        in_coordinates = law.orientation.impedance(replace(before.rotation, K=dip_o)).K
-        self._dips = dip_of(before.translation.K, law.translation.K), in_coordinates
+        pairs = zip(before.matrices, law.matrices, strict=True)
+        self._dips = [dip_of(Z_0.K, Z_1.K) for Z_0, Z_1 in pairs]
         self.law, self._before, self.changed = law, before, 0.0
 
     def begin(self, desired: DesiredFrame, frame: DesiredFrame) -> None:
         """Set the compliant frame and its velocities."""
-        self.now, self._desired, self._known = frame, desired, _Known.FRAMES
+        self.now, self._desired, self._state = frame, desired, None
 
-    def stop_time(self, motion: MotionLimits | None) -> float:
-        """Return the time constant [s] with which it comes to rest now.
-
-        So it brakes by the accelerations of the tip, at last by STOP_TIME; but not for long: what
-        is in its way is not felt.
-        """
-        if self.now is None or motion is None:
-            return STOP_TIME
-        by_limits = motion.stop_time(self.now.dp_d, self.now.omega_d)
-        return max(STOP_TIME, min(by_limits, _LONGEST_STOP))
+    def rearrange(self) -> None:
+        """Go on from the same frame and velocities: what drives it means something else now."""
+        self._state = self._wrench = None
 
     def freeze(self, dt: float, actual: DesiredFrame, T: float = STOP_TIME) -> DesiredFrame:
-        """Return the compliant frame, which comes to rest until the next step.
+        """Return the compliant frame dt [s] after the last: it comes to rest with time constant T.
 
-        Args:
-            dt: [s] after the last.
-            actual: its first pose, if it has none yet.
-            T: time constant [s].
+        ``actual`` is its first pose, if it has none yet.
         """
         p, R, dp, omega, _, _ = actual.at_rest() if self.now is None else self.now
         left = math.exp(-dt / T)
@@ -259,14 +267,9 @@ class CompliantFrame:
         v, w = left * dp, left * omega
         R_c = exp(gone * omega) @ R
         self.now = DesiredFrame(p + gone * dp, R_c, v, w, (-1.0 / T) * v, (-1.0 / T) * w)
-        self._wrench, self._known = None, _Known.FRAME  # the next step begins from here
-        return self.now
-
-    def rearrange(self) -> None:
-        """Go on from the same frame and velocities: what drives it means something else now."""
         self._wrench = None
-        if self.now is not None:
-            self._known = _Known.FRAME if self._desired is None else _Known.FRAMES
+        self._forget()
+        return self.now
 
     def step(
         self,
@@ -279,8 +282,7 @@ class CompliantFrame:
         """Return the compliant frame dt [s] after the last, with velocities and accelerations.
 
         Args:
-            dt: 0 or more.
-            desired: the desired frame now.
+            dt, desired: 0 or more; the desired frame now.
             wrench: (6,) f, mu now, base frame.
             freed: what becomes of M_p^-1, D_p, K_p; None: nothing.
             rate: [1/s] of what they become then.
@@ -288,44 +290,61 @@ class CompliantFrame:
         Raises:
             SingularityError: if the representation has no finite answer.
         """
-        if not math.isfinite(_square(*desired, wrench)):
-            raise SingularityError("the motion of the compliant frame is not finite")
-        start, before, begins = self._origin(dt, desired)
+        if not _are_finite(*desired, wrench):
+            raise SingularityError(_NOT_FINITE)
+        law, (start, before) = self.law, self._origin(dt, desired)
         Z_p, Z_o, own_rate = self._matrices(dt)
         if freed is not None:
             Z_p, own_rate = freed(Z_p), max(own_rate, rate)
-        z, v_0 = self._z, self._v
-        if begins:
-            z = self._relative(before, start)
-            v_0 = self._driven(before, wrench if self._wrench is None else self._wrench, None)
-        if math.isnan(z @ z):
-            raise SingularityError(self.law.orientation.singularity)
-        v_1 = self._driven(desired, wrench, v_0)
+        if self._state is None:
+            s, y = self._relative(before, start)
+            if not math.isfinite(y @ y):
+                raise SingularityError(law.orientation.singularity)
+            f_0, u_0 = self._driven(before, wrench if self._wrench is None else self._wrench, None)
+        else:
+            s, y, f_0, u_0 = self._state
+        f, u = self._driven(desired, wrench, u_0)
         if dt > 0.0:
-            z = self._integrated(z, v_0, v_1, dt, Z_p, Z_o, own_rate)
-        now = self._absolute(z, v_1, desired, Z_p, Z_o)
-        known = _Known.STATE
+            n = max(1, math.ceil(own_rate * dt / _STEP))
+            s = translated(s, f_0, f, dt, n, *Z_p)
+            y = self._turned(y, u_0, u, dt, n, Z_o)
+            if not math.isfinite(s @ s + y @ y):
+                raise SingularityError(_NOT_FINITE)
+        state = s, y, f, u
+        now = driven = self._absolute(state, desired, Z_p, Z_o)
         if dt > 0.0:
-            now, is_less = self.law.bounds.bounded(now, desired, start, before, dt)
-            if is_less:
-                known = _Known.FRAMES
-                if not math.isfinite(_square(*now, wrench)):
-                    raise SingularityError("the motion of the compliant frame is not finite")
-        self._z, self._v, self._wrench = z, v_1, wrench
-        self.now, self._desired, self._known = now, desired, known
+            now = bounded(driven, desired, start, before, dt, law.bounds)
+        if not _are_finite(*now, u):
+            raise SingularityError(law.orientation.singularity)
+        self._state = state if now is driven else None
+        self.now, self._desired, self._wrench = now, desired, wrench
         return now
 
-    def _origin(self, dt: float, desired: DesiredFrame) -> tuple[DesiredFrame, DesiredFrame, bool]:
-        """Return the compliant and the desired frame dt [s] ago, and whether z is not known."""
+    def _origin(self, dt: float, desired: DesiredFrame) -> tuple[DesiredFrame, DesiredFrame]:
+        """Return the compliant and the desired frame dt [s] ago."""
         if self.now is None:
-            return desired, desired, True
-        before, begins = self._desired, self._known is not _Known.STATE
-        if before is None or self._known is _Known.FRAME or jumped(before, desired, dt):
-            return self.now, desired.moved(-dt), True  # as if it had come from there
-        return self.now, before, begins
+            return desired, desired
+        if self._desired is None or jumped(self._desired, desired, dt):
+            self._state = None
+            return self.now, desired.moved(-dt)  # as if it had come from there
+        return self.now, self._desired
 
-    def _relative(self, desired: DesiredFrame, frame: DesiredFrame) -> Array:
-        """Return z of a compliant frame."""
+    def _turned(self, y: Array, u_0: Array, u_1: Array, dt: float, n: int, Z_o: Matrices) -> Array:
+        """Return y dt [s] later as :func:`translated`, u going from u_0 to u_1."""
+        rate, normalised = self.law.orientation.state_rate, self.law.orientation.normalised
+        h, du = dt / n, (u_1 - u_0) / n
+        for i in range(n):
+            u = u_0 + i * du
+            middle = u + 0.5 * du
+            k_1 = rate(y, u, Z_o)
+            k_2 = rate(y + (0.5 * h) * k_1, middle, Z_o)
+            k_3 = rate(y + (0.5 * h) * k_2, middle, Z_o)
+            k_4 = rate(y + h * k_3, u + du, Z_o)
+            y = normalised(_stepped(y, k_1, k_2, k_3, k_4, h))
+        return y
+
+    def _relative(self, desired: DesiredFrame, frame: DesiredFrame) -> tuple[Array, Array]:
+        """Return s, y of a compliant frame."""
         x = frame.p_d - desired.p_d
         dx = frame.dp_d - desired.dp_d
         if self.law.frame != "base":
@@ -334,106 +353,71 @@ class CompliantFrame:
         y = self.law.orientation.relative_state(
             desired.R_d, desired.omega_d, frame.R_d, frame.omega_d
         )
-        return np.concatenate((x, dx, y))
+        return np.concatenate((x, dx)), y
 
-    def _driven(self, desired: DesiredFrame, wrench: Array, before: Array | None) -> Array:
-        """Return v of a wrench; ``before`` is that of the last step."""
-        f, mu, u = wrench[:3], wrench[3:], None if before is None else before[3:]
+    def _driven(
+        self, desired: DesiredFrame, wrench: Array, u_0: Array | None
+    ) -> tuple[Array, Array]:
+        """Return f, u of a wrench; ``u_0`` is that of the last step."""
+        f, mu, R_d = wrench[:3], wrench[3:], desired.R_d
         if self.law.frame != "base":
-            f = desired.R_d.T @ f
-        return np.concatenate((f, self.law.orientation.relative_input(desired.R_d, mu, u)))
-
-    def _integrated(
-        self, z: Array, v_0: Array, v_1: Array, dt: float, Z_p: Matrices, Z_o: Matrices, rate: float
-    ) -> Array:
-        """Return z dt [s] later by steps of order 4 (Runge, Kutta), v going from v_0 to v_1."""
-        orientation = self.law.orientation
-        n = max(1, math.ceil(rate * dt / _STEP))
-        h, dv = dt / n, (v_1 - v_0) / n
-        for i in range(n):
-            v = v_0 + i * dv
-            middle, end = v + 0.5 * dv, v + dv
-            k_1 = impedance_rates(z, v, orientation, Z_p, Z_o)
-            k_2 = impedance_rates(z + (0.5 * h) * k_1, middle, orientation, Z_p, Z_o)
-            k_3 = impedance_rates(z + (0.5 * h) * k_2, middle, orientation, Z_p, Z_o)
-            k_4 = impedance_rates(z + h * k_3, end, orientation, Z_p, Z_o)
-            z = z + (h / 6.0) * (k_1 + 2.0 * (k_2 + k_3) + k_4)
-            z[6:] = orientation.normalised(z[6:])
-        if not math.isfinite(z @ z):
-            raise SingularityError("the motion of the compliant frame is not finite")
-        return z
+            f = R_d.T @ f
+        return f, self.law.orientation.relative_input(R_d, mu, u_0)
 
     def _absolute(
-        self, z: Array, v: Array, desired: DesiredFrame, Z_p: Matrices, Z_o: Matrices
+        self, state: State, desired: DesiredFrame, Z_p: Matrices, Z_o: Matrices
     ) -> DesiredFrame:
-        """Return the compliant frame of z driven by v: what :meth:`_relative` began with."""
+        """Return the compliant frame of a state: the inverse of :meth:`_relative`."""
         p_d, R_d, dp_d, omega_d, ddp_d, domega_d = desired
-        dz = impedance_rates(z, v, self.law.orientation, Z_p, Z_o)
-        rotation = self.law.orientation.compliant_rotation(
-            z[6:], dz[6:], v[3:], R_d, omega_d, domega_d
-        )
-        x, dx, ddx = z[:3], z[3:6], dz[3:6]
+        (s, y, _, u), orientation = state, self.law.orientation
+        ds, dy = impedance_rates(state, orientation, Z_p, Z_o)
+        x, dx, ddx = s[:3], s[3:], ds[3:]
         if self.law.frame != "base":  # components in a frame that turns
             x, dx, ddx = R_d @ x, R_d @ dx, R_d @ ddx
             turning = cross(omega_d, x)
             ddx = ddx + cross(domega_d, x) + cross(omega_d, turning + 2.0 * dx)
             dx = dx + turning
+        rotation = orientation.compliant_rotation(y, dy, u, R_d, omega_d, domega_d)
         R_c, omega_c, domega_c = rotation
-        now = DesiredFrame(p_d + x, R_c, dp_d + dx, omega_c, ddp_d + ddx, domega_c)
-        if math.isnan(_square(*now, v)):
-            raise SingularityError(self.law.orientation.singularity)
-        return now
+        return DesiredFrame(p_d + x, R_c, dp_d + dx, omega_c, ddp_d + ddx, domega_c)
 
     # --- changes of the impedance -------------------------------------------------------------
 
     def _matrices(self, dt: float) -> tuple[Matrices, Matrices, float]:
         """Return Z_p, Z_o and their rate [1/s], dt [s] after the last step."""
-        law = self.law
-        if self.changed == 1.0 and self.energy_left >= self._most_energy:
-            return law.Z_p, law.Z_o, law.rate
-        if self._known > _Known.FRAME:  # else the displacement is not known
-            self._go_on(dt)
+        is_refilled = self.changed == 1.0 and self.energy_left >= self._most_energy
+        if not is_refilled and self.now is not None and self._desired is not None:
+            self._go_on(dt, self.now, self._desired)
         if self.changed == 1.0:
-            return law.Z_p, law.Z_o, law.rate
-        Z_p, Z_o = self._changed_to(self.changed)
-        return Z_p, Z_o, 2.0 * max(law.rate, self._before.rate)  # (IC3)
+            return *self.law.matrices, self.law.rate
+        return *self._changed_to(self.changed), 2.0 * max(self.law.rate, self._before.rate)  # (IC3)
 
     def _changed_to(self, s: float) -> tuple[Matrices, Matrices]:
         """Return the matrices of a change that is at s."""
-        before, law = self._before, self.law
-        Z_p = between(s, before.Z_p, law.Z_p, self._dips[0])
-        return Z_p, between(s, before.Z_o, law.Z_o, self._dips[1])
+        Z_p, Z_o = map(between, (s, s), self._before.matrices, self.law.matrices, self._dips)
+        return Z_p, Z_o
 
-    def _go_on(self, dt: float) -> None:
+    def _go_on(self, dt: float, now: DesiredFrame, desired: DesiredFrame) -> None:
         """Let the change go on by dt [s], as far as there is energy for it, (IC1), (IC5)."""
-        assert self.now is not None
-        assert self._desired is not None
-        z, s_0 = self._relative(self._desired, self.now), self.changed
-        Z_p, Z_o = self._changed_to(s_0)
-        energy = self._energy(z, Z_p, Z_o)
-        dx, dy = z[3:6], z[-3:]
+        s, y = self._relative(desired, now)
+        x, dx, dy = s[:3], s[3:], y[-3:]
+
+        def energy(Z_p: Matrices, Z_o: Matrices) -> float:
+            """Return the energy [J] of the displacement, (IC4)."""
+            M_p, M_o = inverse(Z_p.M_inverse), inverse(Z_o.M_inverse)
+            moving = float(dx @ M_p @ dx + dy @ M_o @ dy + x @ Z_p.K @ x) / 2.0
+            return moving + self.law.orientation.spring(desired.R_d, now.R_d, Z_o.K).energy
+
+        before = self.changed
+        Z_p, Z_o = self._changed_to(before)
+        had = energy(Z_p, Z_o)
         taken = dt * float(dx @ Z_p.D @ dx + dy @ Z_o.D @ dy)
         left = min(self._most_energy, self.energy_left + taken)
-        s = 1.0 - (1.0 - s_0) * math.exp(-dt / CHANGE_TIME)  # (IC1)
-        s = s if s < 1.0 - DONE else 1.0
-        more = self._energy(z, *self._changed_to(s)) - energy
+        after = later(before, dt)  # (IC1)
+        more = energy(*self._changed_to(after)) - had
         if more > left:  # as much as there is energy for
-            s = s_0 + max(0.0, _CAUTION * left / more) * (s - s_0)
-            more = self._energy(z, *self._changed_to(s)) - energy
+            after = before + max(0.0, _CAUTION * left / more) * (after - before)
+            more = energy(*self._changed_to(after)) - had
         if not more <= left:  # or it is not finite
-            s, more = s_0, 0.0
-        self.changed, self.energy_left = s, min(self._most_energy, left - more)  # (IC5)
-
-    def _energy(self, z: Array, Z_p: Matrices, Z_o: Matrices) -> float:
-        """Return the energy [J] of the displacement z of the last step, (IC4)."""
-        assert self.now is not None
-        assert self._desired is not None
-        spring = self.law.orientation.spring(self._desired.R_d, self.now.R_d, Z_o.K)
-        moving = kinetic(Z_p, z[3:6]) + kinetic(Z_o, z[-3:])
-        return moving + elastic(Z_p, z[:3]) + spring.energy
-
-
-def _square(*arrays: Array) -> float:
-    """Return the sum of all squares: finite if all is, and NaN if anything is."""
-    flat = np.concatenate(arrays, axis=None)
-    return float(flat @ flat)
+            after, more = before, 0.0
+        self.changed, self.energy_left = after, min(self._most_energy, left - more)  # (IC5)

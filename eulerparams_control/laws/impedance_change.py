@@ -19,6 +19,7 @@ Notation: ``Z_0, Z_1`` (M, D, K) of before and after, ``dip`` (3, 3) by which K(
 what is linear in s, at s (1 - s) = 1.
 """
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -26,11 +27,14 @@ import numpy as np
 from eulerparams_control.laws.impedance_matrices import Impedance, Matrices, square_root
 from eulerparams_control.laws.rotations import Array, inverse
 
-CHANGE_TIME = 0.05
-"""T [s]: a change is 95 % done after three times that."""
+_CHANGE_TIME = 0.05  # T [s]: a change is 95 % done after three times that
+_DONE = 1e-6  # what is left of a change when it ends
 
-DONE = 1e-6
-"""What is left of a change when it ends."""
+
+def later(s: float, dt: float) -> float:
+    """Return s, dt [s] later, (IC1)."""
+    s = 1.0 - (1.0 - s) * math.exp(-dt / _CHANGE_TIME)
+    return s if s < 1.0 - _DONE else 1.0
 
 
 def dip_of(K_0: Array, K_1: Array) -> Array:
@@ -57,13 +61,3 @@ def impedance_between(Z_0: Impedance, Z_1: Impedance, s: float) -> Impedance:
     if not np.any(dip):  # K stays, to the bit
         K = Z_1.K
     return replace(Z_1, M=M, D=D, K=(K + K.T) / 2)
-
-
-def kinetic(Z: Matrices, v: Array) -> float:
-    """Return v' M v / 2 [J]."""
-    return float(v @ inverse(Z.M_inverse) @ v) / 2.0
-
-
-def elastic(Z: Matrices, x: Array) -> float:
-    """Return x' K x / 2 [J]."""
-    return float(x @ Z.K @ x) / 2.0

@@ -21,20 +21,14 @@ from eulerparams_control.errors import (
     OverloadError,
 )
 from eulerparams_control.laws.blend import Blend
-from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFrame
+from eulerparams_control.laws.compliant_frame import STOP_TIME, ComplianceLaw, CompliantFrame
 from eulerparams_control.laws.contact_watch import ContactWatch, Oscillation
 from eulerparams_control.laws.dynamic_control import DynamicControl, NoMotionLoop
 from eulerparams_control.laws.force_control import ForceControl
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import Lyapunov
 from eulerparams_control.laws.rotations import Array, angle_between, exp, norm
-from eulerparams_control.laws.scheme import (
-    Bounds,
-    JointCommand,
-    LoopGain,
-    Scheme,
-    Tick,
-)
+from eulerparams_control.laws.scheme import Bounds, JointCommand, LoopGain, Scheme, Tick
 from eulerparams_control.laws.wrench import SensedWrench, WrenchChain, at_point
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame
 from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
@@ -48,8 +42,12 @@ _BLEND_TIME = 0.1
 # The part of its bound that the displacement has reached where it is at its end.
 _AT_ITS_END = 0.99
 
-# Each time that the contact oscillates there is so many times the damping, up to this, until the
-# tool was free for the time [s].
+# The longest time constant [s] with which a frozen compliant frame comes to rest, however low the
+# accelerations are: what is in its way is not felt.
+_LONGEST_STOP = 0.5
+
+# Each time that the contact oscillates the damping is multiplied by this, up to so many times that
+# of the law, until the tool was free for the time [s].
 _CALMER, _CALMEST, _FREE = 3.0, 9.0, 2.0
 
 _NO_WRENCH = np.zeros(6)
@@ -64,16 +62,14 @@ class ImpedanceControl(Scheme):
     tool exert a force, until the scheme restarts, or holds.
 
     Args:
-        robot: the arm.
-        parameters: the impedance, the motion loop, the sensor, and limits.
+        robot, parameters: see :meth:`change`.
         chain: of the wrench, with its tare; None is a new one.
 
     Attributes:
-        parameters: in force; see :meth:`change`.
         law: the impedance equations; see :meth:`change_impedance`.
         centre: frame of the compliance seen from the tip.
-        motion: follows the compliant frame.
-        compliant: the compliant frame.
+        motion: the loop that follows the compliant frame.
+        compliant: the compliant frame, of the centre.
         force: that the tool is to exert.
         contact: the energy that it is given, and whether it oscillates.
         damping: how many times that of the law: more where the contact oscillated.
@@ -117,11 +113,11 @@ class ImpedanceControl(Scheme):
 
     @property
     def bounds(self) -> Bounds:
-        """Bounds on the commands of the motion loop."""
+        """Those of the motion loop."""
         return self.motion.bounds
 
     def bound(self, joints: JointLimits) -> None:
-        """Let the motion loop keep to limits of the joints from the next tick on."""
+        """Let the motion loop keep to limits of the joints."""
         self.motion.bound(joints)
 
     def rehearse(self) -> None:
@@ -149,14 +145,14 @@ class ImpedanceControl(Scheme):
     @property
     def is_at_its_end(self) -> bool:
         """Whether the tool is to press, but its frame may not go farther from the desired one."""
-        return self.force.is_on and self._reach >= _AT_ITS_END * self.law.bounds.position
+        bound = self.parameters.max_displacement_position
+        return self.force.is_on and self._reach >= _AT_ITS_END * bound
 
     def change(self, parameters: "ImpedanceParameters") -> None:
         """Go over to other parameters, without a jump of the compliant frame or of the command.
 
         Raises:
-            ConfigurationError: if they are impossible, or the axes of a force that is exerted
-                change.
+            ConfigurationError: if they are impossible, or force_axes change while a force acts.
         """
         robot, law = self.robot, parameters.compliance_law(self.robot)
         centre, force = parameters.centre(robot), parameters.force_options(law)
@@ -178,11 +174,7 @@ class ImpedanceControl(Scheme):
         self._blend.replace(self._w)
 
     def change_impedance(self, law: ComplianceLaw) -> None:
-        """Go over to another impedance, as far as there is energy for it.
-
-        Args:
-            law: with the representation, frame and bounds of the present one.
-        """
+        """Go over to another impedance, of the same representation, frame and bounds."""
         self.compliant.change_impedance(law.damped(self.damping))
         self.contact.expect_changes()
         self.law = law
@@ -209,8 +201,14 @@ class ImpedanceControl(Scheme):
 
     @property
     def stop_time(self) -> float:
-        """That of the compliant frame [s]."""
-        return self.compliant.stop_time(self.parameters.motion_limits())
+        """The time constant [s] with which the compliant frame comes to rest without a wrench.
+
+        So it brakes by the accelerations of the tip, at last by STOP_TIME.
+        """
+        frame, motion = self.compliant.now, self.parameters.motion_limits()
+        if frame is None or motion is None:
+            return STOP_TIME
+        return max(STOP_TIME, min(motion.stop_time(frame.dp_d, frame.omega_d), _LONGEST_STOP))
 
     def start_from(self, effort: Array | None) -> None:
         """Begin at the efforts (n,) that the robot reports, if it does."""
@@ -219,17 +217,17 @@ class ImpedanceControl(Scheme):
     def reset(self, q: Array) -> None:
         """Begin at the measured q (n,), the compliant frame where the tip is then."""
         self.motion.reset(q)
-        self._restart(q.copy())
+        self._restart(q)
 
     def resume(self, q: Array) -> None:
         """Begin at the measured q (n,), with the efforts as they are."""
         self.motion.resume(q)
-        self._restart(q.copy())
+        self._restart(q)
 
     def _restart(self, q: Array) -> None:
         if self.compliant.now is not None:
             self._balance = self._contact_at(q, np.zeros_like(q))
-        self._q = q
+        self._q = q.copy()
         self._forget()
 
     def _contact_at(self, q: Array, dq: Array) -> Array:
@@ -270,8 +268,7 @@ class ImpedanceControl(Scheme):
     def frame_at(self, q: Array) -> DesiredFrame:
         """Return the desired frame with which the tip stays at q (n,).
 
-        That is its pose there; after a contact, moved by what balances the contact: p_d = p_e -
-        K_p^+ f, and R_d likewise.
+        After a contact that is its pose, moved by what balances the contact: p_d = p_e - K_p^+ f.
         """
         tip = super().frame_at(q)
         if not self._balance.any():
@@ -292,8 +289,7 @@ class ImpedanceControl(Scheme):
         """Return the efforts and the compliant frame for this instant.
 
         Raises:
-            SingularityError: if a law has no finite answer.
-            FollowingError: if the tip is too far from the compliant frame.
+            SingularityError, FollowingError: as those of the motion loop.
             OverloadError: if the contact is larger than allowed.
             ContactError: if the contact oscillates, and no damping helps.
         """
@@ -304,16 +300,17 @@ class ImpedanceControl(Scheme):
         w, h = self._feel(dt, state)
         at_centre = self._comply(dt, arm, desired.carrying(self.centre), w)
         compliant = at_centre.carrying(self.centre.inverse)
-        if self.force.is_on:
-            h = h + self._ahead(arm)
+        if self.force.is_on:  # by which the contact is to change until the next tick, (FC6)
+            ahead = np.concatenate((self.force.ahead, np.zeros(3)))
+            h = h + at_point(ahead, -(arm.R_e @ self.centre.p))
         # the compliant frame is desired by the motion loop (49)-(51), which compensates h, (48)
         followed = self.motion.follow(dt, state, compliant, h)
-        force = None if self.is_frozen else w[:3]
+        wrench = None if self.is_frozen else w
+        force = None if wrench is None else w[:3]
         self.motion.note_contact(dt, arm, desired, force, self.force.is_on)
         # x_de is of the tip from the desired frame, not from the compliant one
         self._x_de = x_de
         command = followed.command._replace(frame=compliant)
-        wrench = None if self.is_frozen else w
         return Tick(command, desired, arm, x_de, followed.saturated, followed.excess, wrench)
 
     def _feel(self, dt: float, state: DynamicState) -> tuple[Array, Array]:
@@ -329,8 +326,8 @@ class ImpedanceControl(Scheme):
             if options.inertial and options.tool and dq_before is not None and dt > 0.0:
                 a = arm.J @ ((arm.dq - dq_before) / dt) + state.dJ_dq
             w = self.chain.contact(self._sensed, arm, a, dt)
-            refuse_wrench(self.chain.force, p.max_contact_force, "N", "max_contact_force")
-            refuse_wrench(self.chain.moment, p.max_contact_torque, "Nm", "max_contact_torque")
+            _refuse_contact(self.chain.force, p.max_contact_force, "N", "max_contact_force")
+            _refuse_contact(self.chain.moment, p.max_contact_torque, "Nm", "max_contact_torque")
         w = self._blend(dt, w)
         self._blend.keep()
         # A wrench that returns acts on the impedance at once, since it balances K_p p_cd; only its
@@ -338,8 +335,9 @@ class ImpedanceControl(Scheme):
         h = -self._fade(dt, w)
         self._fade.keep()
         self._w, self._h = w, h
-        watched = w.copy()
-        watched[:3] += self.force.swing  # that is commanded: no oscillation
+        watched = w
+        if self.force.is_on:  # its swing is commanded: no oscillation
+            watched = w + np.concatenate((self.force.swing, np.zeros(3)))
         found = self.contact.take(watched, arm.dp_e, arm.omega_e, dt)
         if found or self.force.is_on or self.damping > 1.0:
             self._calm(found, dt)
@@ -361,11 +359,7 @@ class ImpedanceControl(Scheme):
         )
 
     def _calm(self, found: Oscillation, dt: float) -> None:
-        """Raise the damping where the contact oscillates, until the tool was free for a while.
-
-        Raises:
-            ContactError: if that did not end it.
-        """
+        """Raise the damping where the contact oscillates, until the tool was free for a while."""
         bounces = self.force.bounces() or (found and self.damping == 1.0)
         if found == Oscillation.IS_FED or bounces:
             try:
@@ -382,21 +376,12 @@ class ImpedanceControl(Scheme):
                 self._damp(1.0)
 
     def _damp(self, times: float) -> None:
-        """Take so many times the damping of the law from now on, without a jump.
-
-        Raises:
-            ConfigurationError: if the impedance cannot have so much.
-        """
+        """Take so many times the damping of the law from now on, without a jump."""
         if times > _CALMEST:
             raise ConfigurationError(f"at most {_CALMEST:g} times")
         if times != self.damping:
             self.compliant.change_impedance(self.law.damped(times))
             self.damping, self._free = times, 0.0
-
-    def _ahead(self, arm: RobotState) -> Array:
-        """Return by what (6,) the contact is to change until the next tick, about the tip."""
-        ahead = np.concatenate((self.force.ahead, np.zeros(3)))
-        return at_point(ahead, -(arm.R_e @ self.centre.p))
 
     def _comply(self, dt: float, arm: RobotState, desired: DesiredFrame, w: Array) -> DesiredFrame:
         """Return the compliant frame of the centre of compliance."""
@@ -408,7 +393,7 @@ class ImpedanceControl(Scheme):
         if self._was_frozen and frame.now is not None:
             self._refuse_return(desired, frame.now)
         self._was_frozen = False
-        if self.centre.p.any():
+        if self.centre is not AT_ORIGIN:
             w = at_point(w, arm.R_e @ self.centre.p)
         if is_new or not self.parameters.inner_loop:
             frame.begin(desired, self._actual(arm))
@@ -441,8 +426,7 @@ class ImpedanceControl(Scheme):
         return DesiredFrame(arm.p_e, arm.R_e, arm.dp_e, arm.omega_e).carrying(self.centre)
 
 
-def refuse_wrench(size: float, most: float, unit: str, name: str) -> None:
-    """Raise OverloadError for a contact of a force [N] or moment [Nm] that is too large."""
+def _refuse_contact(size: float, most: float, unit: str, name: str) -> None:
     if not size <= most:
         raise OverloadError(
             f"the contact is {size:.3g} {unit}; at most {most:g} {unit} is allowed: free "

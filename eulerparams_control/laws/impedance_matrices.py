@@ -36,13 +36,9 @@ class Matrices(NamedTuple):
 class Impedance:
     """M ddx + D dx + K x = force: one of the two equations of the impedance.
 
-    Attributes:
-        M: (3, 3) mass or inertia, symmetric, positive definite.
-        D: (3, 3) damping, symmetric, positive semidefinite.
-        K: (3, 3) stiffness, symmetric, positive semidefinite: 0 along an axis guides by hand.
-
     Raises:
-        ConfigurationError: if a matrix is not.
+        ConfigurationError: unless M is symmetric and positive definite, D and K symmetric and
+            positive semidefinite; K of 0 along an axis guides by hand.
     """
 
     M: Array
@@ -111,12 +107,14 @@ def symmetric_matrix(name: str, values: Numbers, axes: Numbers = ()) -> Array:
 def impedance_of(
     part: str, M: Numbers, D: Numbers, K: Numbers, axes: Numbers, ratio: float
 ) -> Impedance:
-    """Return the impedance of numbers for :func:`symmetric_matrix`; raises ConfigurationError.
+    """Return the impedance of numbers for :func:`symmetric_matrix`, ``axes`` those of K.
 
     Args:
         part: "p" or "o", for the error messages.
-        M, D, K, axes: numbers of the matrices, and the axes of K; D may be empty.
         ratio: damping of each mode where D is empty.
+
+    Raises:
+        ConfigurationError: if they are impossible.
     """
     mass = symmetric_matrix(f"M_{part}", M)
     stiffness = symmetric_matrix(f"K_{part}", K, axes)

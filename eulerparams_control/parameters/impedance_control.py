@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, RobotError
-from eulerparams_control.laws.compliance_bounds import ComplianceBounds
 from eulerparams_control.laws.compliant_frame import TRANSLATIONAL_FRAMES, ComplianceLaw
 from eulerparams_control.laws.contact_bound import damping_for, stiffest_contact
 from eulerparams_control.laws.force_control import ForceOptions
@@ -268,7 +267,7 @@ class ImpedanceParameters(
             self.translation(),
             self.rotation(),
             self.translational_frame,
-            ComplianceBounds(
+            (
                 self.max_displacement_position,
                 self.max_displacement_rotation,
                 self.max_compliant_speed,
