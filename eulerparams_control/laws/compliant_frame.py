@@ -89,15 +89,14 @@ def translated(
     s: Array, f_0: Array, f_1: Array, dt: float, n: int, M_inverse: Array, D: Array, K: Array
 ) -> Array:
     """Return s dt [s] later by n steps, f going from f_0 to f_1."""
-    h, df, s = dt / n, (f_1 - f_0) / n, s.copy()
-    for i in range(n):
-        f = f_0 + i * df
-        middle = f + 0.5 * df
+    h, df, s, f = dt / n, (f_1 - f_0) / n, s.copy(), f_0.copy()
+    for _ in range(n):
+        middle, end = f + 0.5 * df, f + df
         k_1 = translational_rate(s, f, M_inverse, D, K)
         k_2 = translational_rate(s + (0.5 * h) * k_1, middle, M_inverse, D, K)
         k_3 = translational_rate(s + (0.5 * h) * k_2, middle, M_inverse, D, K)
-        k_4 = translational_rate(s + h * k_3, f + df, M_inverse, D, K)
-        s = _stepped(s, k_1, k_2, k_3, k_4, h)
+        k_4 = translational_rate(s + h * k_3, end, M_inverse, D, K)
+        s, f = _stepped(s, k_1, k_2, k_3, k_4, h), end
     return s
 
 
@@ -332,15 +331,14 @@ class CompliantFrame:
     def _turned(self, y: Array, u_0: Array, u_1: Array, dt: float, n: int, Z_o: Matrices) -> Array:
         """Return y dt [s] later as :func:`translated`, u going from u_0 to u_1."""
         rate, normalised = self.law.orientation.state_rate, self.law.orientation.normalised
-        h, du = dt / n, (u_1 - u_0) / n
-        for i in range(n):
-            u = u_0 + i * du
-            middle = u + 0.5 * du
+        h, du, u = dt / n, (u_1 - u_0) / n, u_0
+        for _ in range(n):
+            middle, end = u + 0.5 * du, u + du
             k_1 = rate(y, u, Z_o)
             k_2 = rate(y + (0.5 * h) * k_1, middle, Z_o)
             k_3 = rate(y + (0.5 * h) * k_2, middle, Z_o)
-            k_4 = rate(y + h * k_3, u + du, Z_o)
-            y = normalised(_stepped(y, k_1, k_2, k_3, k_4, h))
+            k_4 = rate(y + h * k_3, end, Z_o)
+            y, u = normalised(_stepped(y, k_1, k_2, k_3, k_4, h)), end
         return y
 
     def _relative(self, desired: DesiredFrame, frame: DesiredFrame) -> tuple[Array, Array]:

@@ -20,9 +20,6 @@ what is linear in s, at s (1 - s) = 1.
 """
 
 import math
-from dataclasses import replace
-
-import numpy as np
 
 from eulerparams_control.laws.impedance_matrices import Impedance, Matrices, square_root
 from eulerparams_control.laws.rotations import Array, inverse
@@ -55,9 +52,5 @@ def between(s: float, Z_0: Matrices, Z_1: Matrices, dip: Array) -> Matrices:
 
 def impedance_between(Z_0: Impedance, Z_1: Impedance, s: float) -> Impedance:
     """Return the impedance on the way from one to another, (IC2), (IC3)."""
-    dip = dip_of(Z_0.K, Z_1.K)
-    M = (1.0 - s) * Z_0.M + s * Z_1.M
-    D, K = between(s, Z_0.values, Z_1.values, dip)[1:]
-    if not np.any(dip):  # K stays, to the bit
-        K = Z_1.K
-    return replace(Z_1, M=M, D=D, K=(K + K.T) / 2)
+    Z = between(s, Z_0.values, Z_1.values, dip_of(Z_0.K, Z_1.K))
+    return Impedance(inverse(Z.M_inverse), Z.D, (Z.K + Z.K.T) / 2)
