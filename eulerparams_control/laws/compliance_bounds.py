@@ -8,7 +8,7 @@ continuous.
 
 import math
 
-from eulerparams_control.laws.jit import b1, f8, jit, new_vector, types, vector
+from eulerparams_control.laws.jit import b1, f8, jit, new_vector, vector
 from eulerparams_control.laws.limits import POSITION_RATE
 from eulerparams_control.laws.rotations import Array, dot, exp, log, norm
 from eulerparams_control.motion.frames import DesiredFrame
@@ -35,13 +35,14 @@ def bounded(
     position, rotation, speed = bounds
     rotation = rotation if rotation < math.pi else math.inf
     x, v, v_0 = p_c - desired.p_d, dp_c - desired.dp_d, before.dp_d - desired_before.dp_d
-    v, is_slower = _bounded(x, v, v_0, position, speed, dt)
+    is_slower = _bound(x, v, v_0, position, speed, dt)
     if is_slower:
         dp_c = desired.dp_d + v
         p_c = before.p_d + (dt / 2.0) * (before.dp_d + dp_c)
         ddp_c = (dp_c - before.dp_d) / dt
-    x, v, v_0 = log(R_c @ desired.R_d.T), omega_c - desired.omega_d, before.omega_d
-    v, turns_slower = _bounded(x, v, v_0 - desired_before.omega_d, rotation, speed, dt)
+    x, v = log(R_c @ desired.R_d.T), omega_c - desired.omega_d
+    v_0 = before.omega_d - desired_before.omega_d
+    turns_slower = _bound(x, v, v_0, rotation, speed, dt)
     if turns_slower:
         omega_c = desired.omega_d + v
         R_c = exp((dt / 2.0) * (before.omega_d + omega_c)) @ before.R_d
@@ -51,22 +52,21 @@ def bounded(
     return DesiredFrame(p_c, R_c, dp_c, omega_c, ddp_c, domega_c)
 
 
-@jit(types.Tuple((new_vector, b1))(vector, vector, vector, f8, f8, f8))
-def _bounded(
-    x: Array, v: Array, v_before: Array, most: float, speed: float, dt: float
-) -> tuple[Array, bool]:
-    """Return the velocity v within the bounds at the displacement x, and whether it is less."""
+@jit(b1(vector, new_vector, vector, f8, f8, f8))
+def _bound(x: Array, v: Array, v_before: Array, most: float, speed: float, dt: float) -> bool:
+    """Bound the velocity v at the displacement x, in place; return whether it was beyond."""
     rate = min(POSITION_RATE, 1.0 / dt)
     slower = rate * speed * dt  # by no more, where a bound was lowered
     size, distance = norm(v), norm(x)
     fastest = max(speed, norm(v_before) - slower)
-    is_less, v = size > fastest, 1.0 * v
-    if is_less:
-        v = (fastest / size) * v
+    is_beyond = size > fastest
+    if is_beyond:
+        v *= fastest / size
     if distance > 0.0:
         away = x / distance
         allowed = max(rate * (most - distance), max(-speed, dot(v_before, away) - slower))
         excess = dot(v, away) - allowed
         if excess > 0.0:
-            v, is_less = v - excess * away, True
-    return v, is_less
+            v -= excess * away
+            is_beyond = True
+    return is_beyond
