@@ -256,9 +256,9 @@ class CompliantFrame:
         self._state = self._wrench = None
 
     def freeze(self, dt: float, actual: DesiredFrame, T: float = STOP_TIME) -> DesiredFrame:
-        """Return the compliant frame dt [s] after the last: it comes to rest with time constant T.
+        """Return the compliant frame dt [s] after the last, on its way to rest, of time constant T.
 
-        ``actual`` is its first pose, if it has none yet.
+        Without a last one it begins at the pose of ``actual``.
         """
         p, R, dp, omega, _, _ = actual.at_rest() if self.now is None else self.now
         left = math.exp(-dt / T)
