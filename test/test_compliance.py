@@ -51,7 +51,7 @@ from eulerparams_control.laws.compliant_frame import (
 )
 from eulerparams_control.laws.impedance_matrices import Impedance, damping_of_ratio
 from eulerparams_control.laws.orientation import ORIENTATIONS, SEQUENCES, EulerSequence
-from eulerparams_control.laws.rotations import EulerParameters
+from eulerparams_control.laws.rotations import quaternion
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 
@@ -224,7 +224,7 @@ def test_the_elastic_moment_of_euler_angles_is_eq_56(sequence):  # and so (58), 
 def test_the_impedance_does_not_depend_on_the_sign_of_the_quaternion(name):
     own, Z = make(name), damped(1.0, STAR).values
     for R, x, mu in zip(uniform(COUNT, 10), vectors(COUNT), vectors(COUNT, 1), strict=True):
-        Q = EulerParameters.from_R(R)
+        Q = quaternion(R)
         assert own.elastic_energy(-Q, STAR) == own.elastic_energy(Q, STAR)
         one, other = (own.state_rate(np.hstack((*sign, x)), mu, Z) for sign in (Q, -Q))
         tol.assert_close(other[:4], -one[:4])

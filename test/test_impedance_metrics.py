@@ -30,7 +30,7 @@ from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.series import Frames
 from eulerparams_control.errors import BagError, ConfigurationError, UnknownNameError
 from eulerparams_control.laws.impedance_matrices import Impedance
-from eulerparams_control.laws.rotations import Array, EulerParameters, R_angle_axis, exp
+from eulerparams_control.laws.rotations import Array, R_angle_axis, exp, quaternion
 from eulerparams_control.messages.to_ros import springs_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
@@ -330,7 +330,7 @@ def test_the_rotational_equation_leaves_nothing_while_the_desired_frame_turns(t)
         return d.R_d.T @ (c.omega_d - d.omega_d)
 
     d = DESIRED.sample(t)
-    eta, eps = EulerParameters.from_R(d.R_d.T @ COMPLIANT.sample(t).R_d)
+    eta, eps = quaternion(d.R_d.T @ COMPLIANT.sample(t).R_d)
     mu_E = 2 * (eta * Z.K @ eps + np.cross(eps, Z.K @ eps))  # eq. (66)
     dx = derivative(lambda h: x(t + h))
     mu = d.R_d @ (Z.M @ dx + Z.D @ x(t) + mu_E)  # eq. (59)

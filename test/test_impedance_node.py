@@ -34,7 +34,7 @@ from std_srvs.srv import Trigger
 from tolerances import LAW_IN_A_NODE, assert_close
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from eulerparams_control.laws.rotations import EulerParameters, S, angle_between
+from eulerparams_control.laws.rotations import S, angle_between, quaternion
 from eulerparams_control.messages.from_ros import ns_from_ros
 from eulerparams_control.motion.frames import DesiredFrame
 
@@ -121,7 +121,7 @@ def assert_impedance(frame: DesiredFrame, p_d: Array, R_d: Array, wrench: Array)
     """Assert eqs. (52) and (59) with (60) of a message, for a desired frame at rest."""
     force = M_P * frame.ddp_d + D_P * frame.dp_d + K_P * (frame.p_d - p_d)
     assert_close(force, wrench[:3], EQUATION)
-    eta, eps = EulerParameters.from_R(R_d.T @ frame.R_d)
+    eta, eps = quaternion(R_d.T @ frame.R_d)
     E = eta * np.eye(3) - S(eps)  # eq. (10)
     x, dx = R_d.T @ frame.omega_d, R_d.T @ frame.domega_d
     moment = M_O * dx + D_O * x + 2 * K_O * E.T @ eps

@@ -15,7 +15,7 @@ from websockets.sync.client import connect
 
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.orientation.sequences import EulerSequence
-from eulerparams_control.laws.rotations import EulerParameters, R_angle_axis
+from eulerparams_control.laws.rotations import EulerParameters, exp, log
 from eulerparams_control.live import page
 from eulerparams_control.live.desk import HELD, KEPT, Deed, Desk, Order
 from eulerparams_control.live.geometry import (
@@ -82,8 +82,7 @@ def test_a_passage_leads_through_the_pole_where_the_arm_can_reach_it(name):
     before, beyond = found
     assert sequence.pole_distance(before) == pytest.approx(MARGIN)
     assert sequence.pole_distance(beyond) == pytest.approx(MARGIN)
-    turn = EulerParameters.from_R(beyond @ before.T)
-    middle = R_angle_axis(turn.theta / 2, turn.eps / np.linalg.norm(turn.eps)) @ before
+    middle = exp(log(beyond @ before.T) / 2) @ before
     assert sequence.pole_distance(middle) < ROUNDING
 
 

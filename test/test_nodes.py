@@ -42,7 +42,7 @@ from eulerparams_control import events
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.events import Event, events_of
 from eulerparams_control.laws.inverse import sigma_min
-from eulerparams_control.laws.rotations import EulerParameters, angle_between
+from eulerparams_control.laws.rotations import angle_between, quaternion
 from eulerparams_control.messages.from_ros import motion_from_ros, ns_from_ros
 from eulerparams_control.messages.keys import SLOWED
 from eulerparams_control.messages.to_ros import pose_to_ros
@@ -180,7 +180,7 @@ def test_the_error_and_the_lyapunov_function_are_those_of_the_state(node, k_Po):
     assert set(np.diff(stamps)) == {20_000_000}  # 50 Hz
     for t, error, function in zip(stamps[2:], errors[-2:], functions[-2:], strict=True):
         assert vector(error.twist.linear) == pytest.approx(desired.p_d - states[t].p_e)
-        eps = EulerParameters.from_R(desired.R_d @ states[t].R_e.T).eps
+        eps = quaternion(desired.R_d @ states[t].R_e.T).eps
         assert vector(error.twist.angular) == pytest.approx(eps, abs=LYAPUNOV)
         now = lyapunov(node, k_Po, desired, states[t])
         before = lyapunov(node, k_Po, desired, states[t - 1_000_000])

@@ -15,7 +15,7 @@ from eulerparams_control.lab.experiments.definition import load_experiment
 from eulerparams_control.lab.experiments.paper import COMPARISON, paper_experiments
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.orientation import representation
-from eulerparams_control.laws.rotations import EulerParameters, exp, product_of, quaternion
+from eulerparams_control.laws.rotations import EulerParameters, exp, mutual, quaternion
 from eulerparams_control.parameters.schemes import schemes
 
 K = np.diag([50.0, 20.0, 5.0])
@@ -81,6 +81,11 @@ def test_each_claim_of_the_comparison_without_nodes_is_a_number_with_a_predictio
 
 
 # --- an implementation by others ---------------------------------------------------------------
+def product_of(Q_1, Q_2):
+    """Return the Euler parameters of R_1 R_2."""
+    return mutual(EulerParameters(Q_1.eta, -Q_1.eps), Q_2)
+
+
 def test_eqs_59_and_60_agree_with_sdu_controllers():
     """Their admittance holds {eta_cd, eps_cd}, omega_cd and integrates by explicit steps."""
     sdu = pytest.importorskip("sdu_controllers", reason="pip install sdu_controllers")

@@ -12,7 +12,7 @@ from eulerparams_control.analysis.digest import Digest, Track
 from eulerparams_control.analysis.drawn_robot import Data, DrawnRobot, drawn_robot
 from eulerparams_control.analysis.labels import colour, labels
 from eulerparams_control.errors import EulerParamsError
-from eulerparams_control.laws.rotations import Array, EulerParameters
+from eulerparams_control.laws.rotations import Array, EulerParameters, quaternion
 
 ARROW = 0.1
 """[m] length of an arrow for the rounded force, or moment, that the page names."""
@@ -128,7 +128,7 @@ def _frames(p: Array, R: Array) -> dict[str, Any] | None:
     if not known.any():
         return None
     quaternions = np.full((len(p), 4), np.nan)
-    quaternions[known] = [_xyzw(EulerParameters.from_R(matrix)) for matrix in R[known]]
+    quaternions[known] = [_xyzw(quaternion(matrix)) for matrix in R[known]]
     where = np.where(known[:, None], p, np.nan)
     return {"p": packed_reals(where), "o": packed_reals(quaternions)}
 

@@ -14,7 +14,7 @@ from eulerparams_control.bags.columns import Group, columns
 from eulerparams_control.bags.reader import Bag
 from eulerparams_control.bags.scan import Messages, RawMessage
 from eulerparams_control.errors import BagError, InvalidMessageError
-from eulerparams_control.laws.rotations import Array, matrix
+from eulerparams_control.laws.rotations import Array, R_quaternion
 from eulerparams_control.messages.from_ros import QUATERNION_NORM_TOLERANCE, motion_from_ros
 from eulerparams_control.messages.keys import ACTING, IMPEDANCE, SPRINGS
 from eulerparams_control.motion.references import SetPoint
@@ -143,7 +143,8 @@ def _frames(group: Group, robot: Robot) -> Columns:
         norm = np.linalg.norm(xyzw, axis=1)
     norm[~(np.abs(norm - 1) <= QUATERNION_NORM_TOLERANCE)] = np.nan
     xyzw = xyzw / norm[:, None]
-    p, R = vector("transforms[0].translation"), over(matrix, xyzw[:, 3], xyzw[:, :3], shape=(3, 3))
+    p = vector("transforms[0].translation")
+    R = over(R_quaternion, xyzw[:, 3], xyzw[:, :3], shape=(3, 3))
     parts = [f"{kind}[0].{of}" for kind in ("velocities", "accelerations") for of in _TWIST]
     rates = list(map(vector, parts))
     p[~np.all([_finite(column) for column in (R, *rates)], axis=0)] = np.nan

@@ -21,30 +21,16 @@ from typing import Any, cast
 
 import numba
 import numpy as np
-from numba import boolean, float64, int64, types
 from numpy.typing import NDArray
 
 type Array = NDArray[np.float64]
 
-__all__ = [
-    "Array",
-    "b1",
-    "f8",
-    "i8",
-    "jit",
-    "matrix",
-    "new_matrix",
-    "new_vector",
-    "types",
-    "vector",
-    "void",
-]
-
-f8, i8, b1, void = float64, int64, boolean, types.void
-vector = types.Array(float64, 1, "A", readonly=True)
-matrix = types.Array(float64, 2, "A", readonly=True)
+types = numba.types
+f8, i8, b1, void = types.float64, types.int64, types.boolean, types.void
+vector = types.Array(f8, 1, "A", readonly=True)
+matrix = types.Array(f8, 2, "A", readonly=True)
 """Arrays that are read, however they lie in memory."""
-new_vector, new_matrix = float64[::1], float64[:, ::1]
+new_vector, new_matrix = f8[::1], f8[:, ::1]
 """Arrays that are returned, or filled."""
 
 # Folders whose files have primitives, and how long [s] what is compiled for a state of these files

@@ -10,12 +10,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws import jit as _jit
-from eulerparams_control.laws.jit import Array, f8, i8, jit, new_matrix, new_vector, types, vector
+from eulerparams_control.laws.jit import (
+    Array,
+    f8,
+    jit,
+    matrix,
+    new_matrix,
+    new_vector,
+    types,
+    vector,
+)
 
 __all__ = ["Array"]  # from jit; what is defined here besides
 
-_matrix = _jit.matrix
 _quaternion = types.Tuple((f8, new_vector))
 
 # Below this angle sin(x)/x and its kin are taken from their Taylor series, whose first
@@ -28,12 +35,7 @@ SMALL_JACOBIAN_ANGLE = 0.1
 
 
 class EulerParameters(NamedTuple):
-    """The unit quaternion {eta, eps} of eq. (5), scalar part first.
-
-    Attributes:
-        eta: cos(theta / 2).
-        eps: (3,) sin(theta / 2) r.
-    """
+    """The unit quaternion of eq. (5), eta = cos(theta / 2) and eps = sin(theta / 2) r (3,)."""
 
     eta: float
     eps: Array
@@ -43,35 +45,19 @@ class EulerParameters(NamedTuple):
         """Return {cos(theta/2), sin(theta/2) r}, eq. (5)."""
         return cls(math.cos(theta / 2), math.sin(theta / 2) * r)
 
-    @classmethod
-    def from_R(cls, R: Array) -> "EulerParameters":
-        """Extract them from R (3, 3) with eta >= 0: see :func:`quaternion`."""
-        return quaternion(R)
-
     @property
     def R(self) -> Array:
         """The rotation matrix (3, 3), eq. (7)."""
-        return matrix(self.eta, self.eps)
+        return R_quaternion(self.eta, self.eps)
 
     @property
     def E(self) -> Array:
         """E(eta, eps) = eta I - S(eps) (3, 3), eq. (10)."""
-        E: Array = self.eta * np.eye(3) - S(self.eps)
-        return E
-
-    @property
-    def theta(self) -> float:
-        """The rotation angle [rad] in [0, pi], whatever the sign of the quaternion."""
-        return 2.0 * math.atan2(norm(self.eps), abs(self.eta))
+        return self.eta * np.eye(3) - S(self.eps)
 
     def __neg__(self) -> "EulerParameters":
         """Return -(eta, eps), the same rotation."""
         return EulerParameters(-self.eta, -self.eps)
-
-    @property
-    def conjugate(self) -> "EulerParameters":
-        """{eta, -eps}: the inverse rotation."""
-        return EulerParameters(self.eta, -self.eps)
 
 
 def quaternion(R: Array) -> EulerParameters:
@@ -85,7 +71,7 @@ def mutual_R(R_1: Array, R_2: Array) -> EulerParameters:
     It extracts from the mutual rotation; two quaternions extracted apart and composed
     can be of opposite sign, which makes a small error look like a turn of almost 360 deg.
     """
-    return EulerParameters(*shepperd(relative(R_1, R_2)))
+    return EulerParameters(*_mutual_R(R_1, R_2))
 
 
 def mutual(Q_1: EulerParameters, Q_2: EulerParameters) -> EulerParameters:
@@ -93,17 +79,6 @@ def mutual(Q_1: EulerParameters, Q_2: EulerParameters) -> EulerParameters:
     return EulerParameters(
         Q_1.eta * Q_2.eta + dot(Q_1.eps, Q_2.eps),  # eq. (12)
         Q_1.eta * Q_2.eps - Q_2.eta * Q_1.eps - cross(Q_1.eps, Q_2.eps),  # eq. (13)
-    )
-
-
-def propagation(Q: EulerParameters, omega: Array) -> EulerParameters:
-    """Return {deta, deps} for the angular velocity omega (3,) [rad/s], eqs. (8), (9).
-
-    Also eqs. (16), (17), with the mutual quaternion and the relative velocity in frame 1.
-    """
-    return EulerParameters(
-        -0.5 * dot(Q.eps, omega),  # eq. (8)
-        0.5 * (Q.eta * omega - cross(Q.eps, omega)),  # eqs. (9), (10)
     )
 
 
@@ -141,7 +116,7 @@ def S(v: Array) -> Array:
     return A
 
 
-@jit(new_vector(_matrix, vector))
+@jit(new_vector(matrix, vector))
 def turn(R: Array, v: Array) -> Array:
     """Return R v."""
     u = np.empty(3)
@@ -150,7 +125,7 @@ def turn(R: Array, v: Array) -> Array:
     return u
 
 
-@jit(new_vector(_matrix, vector))
+@jit(new_vector(matrix, vector))
 def turn_back(R: Array, v: Array) -> Array:
     """Return R' v."""
     u = np.empty(3)
@@ -159,7 +134,7 @@ def turn_back(R: Array, v: Array) -> Array:
     return u
 
 
-@jit(new_matrix(_matrix, _matrix))
+@jit(new_matrix(matrix, matrix))
 def product(A: Array, B: Array) -> Array:
     """Return A B."""
     C = np.empty((3, 3))
@@ -169,7 +144,7 @@ def product(A: Array, B: Array) -> Array:
     return C
 
 
-@jit(new_matrix(_matrix, _matrix))
+@jit(new_matrix(matrix, matrix))
 def relative(R_1: Array, R_2: Array) -> Array:
     """Return R_1' R_2."""
     C = np.empty((3, 3))
@@ -179,17 +154,7 @@ def relative(R_1: Array, R_2: Array) -> Array:
     return C
 
 
-@jit(new_matrix(vector, vector))
-def outer(v: Array, w: Array) -> Array:
-    """Return v w'."""
-    A = np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
-            A[i, j] = v[i] * w[j]
-    return A
-
-
-@jit(new_vector(_matrix, vector))
+@jit(new_vector(matrix, vector))
 def solve(A: Array, b: Array) -> Array:
     """Return A^-1 b by Cramer's rule; NaN where A is singular."""
     a_1, a_2, a_3 = A[:, 0], A[:, 1], A[:, 2]
@@ -203,7 +168,7 @@ def solve(A: Array, b: Array) -> Array:
     return x
 
 
-@jit(new_matrix(_matrix))
+@jit(new_matrix(matrix))
 def inverse(A: Array) -> Array:
     """Return A^-1; NaN where A is singular."""
     B, I = np.empty((3, 3)), np.eye(3)
@@ -215,17 +180,6 @@ def inverse(A: Array) -> Array:
 # --- rotations --------------------------------------------------------------------------------
 
 
-@jit(new_matrix(i8, f8))
-def R_axis(axis: int, angle: float) -> Array:
-    """Return the elementary rotation by ``angle`` [rad] about x, y or z (0, 1, 2)."""
-    c, s = math.cos(angle), math.sin(angle)
-    j, k = (axis + 1) % 3, (axis + 2) % 3
-    R = np.zeros((3, 3))
-    R[axis, axis], R[j, j], R[k, k] = 1.0, c, c
-    R[j, k], R[k, j] = -s, s
-    return R
-
-
 @jit(new_matrix(f8, vector))
 def R_angle_axis(theta: float, r: Array) -> Array:
     """Return R of a rotation by theta [rad] about the unit vector r, eq. (4).
@@ -233,10 +187,13 @@ def R_angle_axis(theta: float, r: Array) -> Array:
     The printed eq. (4) has -sin(theta) S(r), which is R transposed (erratum).
     """
     c, s = math.cos(theta), math.sin(theta)
-    return c * np.eye(3) + (1.0 - c) * outer(r, r) + s * S(r)
+    R = c * np.eye(3) + s * S(r)
+    for i in range(3):
+        R[i] += (1.0 - c) * r[i] * r
+    return R
 
 
-@jit(_quaternion(_matrix))
+@jit(_quaternion(matrix))
 def shepperd(R: Array) -> tuple[float, Array]:
     """Return (eta, eps) of R with eta >= 0, by Shepperd's method.
 
@@ -258,8 +215,13 @@ def shepperd(R: Array) -> tuple[float, Array]:
     return eta * scale, eps * scale
 
 
+@jit(_quaternion(matrix, matrix))
+def _mutual_R(R_1: Array, R_2: Array) -> tuple[float, Array]:
+    return shepperd(relative(R_1, R_2))
+
+
 @jit(new_matrix(f8, vector))
-def matrix(eta: float, eps: Array) -> Array:
+def R_quaternion(eta: float, eps: Array) -> Array:
     """Return R = (eta^2 - eps' eps) I + 2 eps eps' + 2 eta S(eps), eq. (7).
 
     The printed eq. (7) has -2 eta S(eps), which is R transposed (erratum).
@@ -274,13 +236,24 @@ def matrix(eta: float, eps: Array) -> Array:
     return R
 
 
+@jit(_quaternion(f8, vector, vector))
+def propagation(eta: float, eps: Array, omega: Array) -> tuple[float, Array]:
+    """Return deta, deps for the angular velocity omega (3,) [rad/s], eqs. (8), (9), (10).
+
+    Also eqs. (16), (17), with the mutual quaternion and the relative velocity in frame 1.
+    """
+    deta = -0.5 * dot(eps, omega)  # eq. (8)
+    deps = 0.5 * (eta * omega - cross(eps, omega))  # eqs. (9), (10)
+    return deta, deps
+
+
 @jit(new_matrix(vector))
 def exp(x: Array) -> Array:
     """Return R of the rotation vector x = theta r [rad]."""
     theta = norm(x)
     # sin(theta / 2) / theta
     half = math.sin(theta / 2.0) / theta if theta > SMALL_ANGLE else 0.5 - theta * theta / 48.0
-    return matrix(math.cos(theta / 2.0), half * x)
+    return R_quaternion(math.cos(theta / 2.0), half * x)
 
 
 @jit(new_vector(f8, vector))
@@ -294,14 +267,14 @@ def rotation_vector(eta: float, eps: Array) -> Array:
     return 0.0 * eps
 
 
-@jit(new_vector(_matrix))
+@jit(new_vector(matrix))
 def log(R: Array) -> Array:
     """Return the rotation vector theta r [rad] of R, theta in [0, pi]."""
     eta, eps = shepperd(R)
     return rotation_vector(eta, eps)
 
 
-@jit(f8(_matrix, _matrix))
+@jit(f8(matrix, matrix))
 def chord(R_1: Array, R_2: Array) -> float:
     """Return 2 sin(theta / 2) of the rotation from R_1 to R_2: its angle, where that is small."""
     trace = 0.0
@@ -310,10 +283,10 @@ def chord(R_1: Array, R_2: Array) -> float:
     return math.sqrt(max(3.0 - trace, 0.0))
 
 
-@jit(f8(_matrix, _matrix))
+@jit(f8(matrix, matrix))
 def angle_between(R_1: Array, R_2: Array) -> float:
     """Return the angle [rad] in [0, pi] of the rotation from R_1 to R_2."""
-    eta, eps = shepperd(relative(R_1, R_2))
+    eta, eps = _mutual_R(R_1, R_2)
     return 2.0 * math.atan2(norm(eps), abs(eta))
 
 
@@ -348,11 +321,7 @@ def right_jacobian(x: Array) -> Array:
 
 @jit(types.UniTuple(new_vector, 2)(vector, vector, vector))
 def body_rates(x: Array, dx: Array, ddx: Array) -> tuple[Array, Array]:
-    """Return omega = J_r dx and domega = J_r ddx + dJ_r dx of R = exp(x), in the turned frame.
-
-    Args:
-        x, dx, ddx: (3,) rotation vector and its derivatives [rad, rad/s, rad/s^2].
-    """
+    """Return omega = J_r dx and domega = J_r ddx + dJ_r dx of R = exp(x), in the turned frame."""
     a, b, da, db = jacobian_coefficients(norm(x))
     x_dx, x_ddx = cross(x, dx), cross(x, ddx)
     x_x_dx = cross(x, x_dx)

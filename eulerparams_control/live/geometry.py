@@ -9,7 +9,7 @@ import numpy as np
 from eulerparams_control.errors import EulerParamsError
 from eulerparams_control.laws.impedance_matrices import symmetric_matrix
 from eulerparams_control.laws.orientation.sequences import EulerSequence
-from eulerparams_control.laws.rotations import Array, EulerParameters, R_angle_axis, log
+from eulerparams_control.laws.rotations import Array, R_angle_axis, log, quaternion
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.fields import from_mapping
 from eulerparams_control.parameters.schemes import SchemeInfo
@@ -24,7 +24,7 @@ _STEPS, _STEP, _DAMPING = 150, 0.15, 1e-4  # of the search, [rad] the longest
 
 def wxyz(R: Array) -> Array:
     """Return R (3, 3) as (4,) eta, eps: the quaternions of viser have the scalar first, too."""
-    eta, eps = EulerParameters.from_R(R)
+    eta, eps = quaternion(R)
     return np.array([eta, *eps])
 
 

@@ -22,7 +22,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.impedance_matrices import Impedance
-from eulerparams_control.laws.rotations import Array, EulerParameters
+from eulerparams_control.laws.rotations import Array, quaternion
 from eulerparams_control.messages.keys import IMPEDANCE, SPRINGS
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
@@ -56,7 +56,7 @@ def vector_to_ros(v: Array) -> Vector3:
 
 def quaternion_to_ros(R: Array) -> Quaternion:
     """Return R (3, 3) as xyzw."""
-    eta, eps = EulerParameters.from_R(R)
+    eta, eps = quaternion(R)
     x, y, z = eps.tolist()
     return Quaternion(x=x, y=y, z=z, w=float(eta))
 

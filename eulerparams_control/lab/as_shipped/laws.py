@@ -21,22 +21,18 @@ K_R.
 """
 
 import math
-from abc import abstractmethod
 
 import numpy as np
 
 from eulerparams_control.laws.impedance_matrices import Matrices
 from eulerparams_control.laws.orientation.angle_axis import AngleAxisRepresentation
-from eulerparams_control.laws.orientation.euler_parameters import (
-    EulerParametersRepresentation,
-    QuaternionDisplacement,
-)
+from eulerparams_control.laws.orientation.euler_parameters import EulerParametersRepresentation
 from eulerparams_control.laws.orientation.relative_quaternion import (
+    QuaternionDisplacement,
     RelativeQuaternionRepresentation,
-    short,
 )
 from eulerparams_control.laws.orientation.rotation_vector import RotationVectorRepresentation
-from eulerparams_control.laws.rotations import Array, EulerParameters, cross, rotation_vector
+from eulerparams_control.laws.rotations import Array, EulerParameters, R_quaternion, propagation
 
 PREFIX = "as_shipped"
 
@@ -45,21 +41,14 @@ LAMBDA = 0.01
 
 
 class StiffnessTimesVector(RelativeQuaternionRepresentation):
-    """The moment is K_o e: what packages ship, without the Omega' of the gradient."""
+    """The moment is K_o o: what packages ship, without the Omega' of the gradient.
 
-    @abstractmethod
-    def e(self, Q_cd: EulerParameters) -> Array:
-        """Return the vector (3,) of the mutual rotation."""
+    Its ``elastic_energy`` o' K_o o / 2 is no energy of that moment unless K_o is a multiple of I.
+    """
 
-    def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
-        """Return K_o e."""
-        moment: Array = K_o @ self.e(Q_cd)
-        return moment
-
-    def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
-        """Return e' K_o e / 2, which is no energy of that moment unless K_o is a multiple of I."""
-        e = self.e(Q_cd)
-        return float(e @ K_o @ e) / 2.0
+    def elastic_moment(self, eta: float, eps: Array, K_o: Array) -> Array:
+        """Return K_o o."""
+        return K_o @ self.o(EulerParameters(eta, eps))
 
 
 class Eps(StiffnessTimesVector, EulerParametersRepresentation):
@@ -67,29 +56,17 @@ class Eps(StiffnessTimesVector, EulerParametersRepresentation):
 
     name = "as_shipped_eps"
 
-    def e(self, Q_cd: EulerParameters) -> Array:
-        """Return 2 eps of the sign with eta >= 0."""
-        return 2.0 * short(Q_cd).eps
-
 
 class Theta(StiffnessTimesVector, RotationVectorRepresentation):
     """K_o theta r."""
 
     name = "as_shipped_theta"
 
-    def e(self, Q_cd: EulerParameters) -> Array:
-        """Return theta r, theta in [0, pi]."""
-        return rotation_vector(*short(Q_cd))
-
 
 class Sin(StiffnessTimesVector, AngleAxisRepresentation):
     """K_o sin(theta) r."""
 
     name = "as_shipped_sin"
-
-    def e(self, Q_cd: EulerParameters) -> Array:
-        """Return sin(theta) r = 2 eta eps."""
-        return 2.0 * Q_cd.eta * Q_cd.eps
 
 
 def K_R_of(K_o: Array) -> Array:
@@ -109,9 +86,10 @@ class Geometric(EulerParametersRepresentation):
 
     name = "as_shipped_geometric"
 
-    def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
+    @staticmethod
+    def elastic_moment(eta: float, eps: Array, K_o: Array) -> Array:
         """Return R (K_R R - R' K_R)^vee in desired axes."""
-        R = Q_cd.R
+        R = R_quaternion(eta, eps)
         return R @ geometric_moment(R, K_R_of(K_o))
 
 
@@ -128,7 +106,7 @@ class Geometric2(Geometric):
         """
         dy = super().state_rate(y, mu_d, Z)
         Q, x = EulerParameters(y[0], y[1:4]), y[4:]
-        R, f = Q.R, self.elastic_moment(Q, Z.K)
+        R, f = Q.R, self.elastic_moment(*Q, Z.K)
         A = R.T @ K_R_of(Z.K)
         df = R @ ((np.trace(A) * np.eye(3) - A) @ (R.T @ x))
         dy[4:] = Z.M_inverse @ (mu_d - Z.D @ (x + LAMBDA * f) - f) - LAMBDA * df
@@ -159,6 +137,6 @@ class Sliding(EulerParametersRepresentation):
         root = k_Vo * k_Vo - 2.0 * k_Po
         k = 0.5 * (k_Vo + math.sqrt(root)) if root >= 0.0 else math.nan
         l, eps, eta = 2.0 * (k_Vo - k), x_de.error, x_de.Q_de.eta
-        turning = omega_d - EulerParameters(eta, eps).R @ omega_e  # of R_d R_e'
-        deps = 0.5 * (eta * turning - cross(eps, turning))  # eq. (9)
+        turning = omega_d - R_quaternion(eta, eps) @ omega_e  # of R_d R_e'
+        _, deps = propagation(eta, eps, turning)
         return self.finite(domega_d + l * deps + k * (omega_d - omega_e + l * eps))

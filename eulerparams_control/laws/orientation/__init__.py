@@ -10,7 +10,6 @@ from eulerparams_control.laws.orientation import (  # noqa: F401  each registers
     rotation_vector,
 )
 from eulerparams_control.laws.orientation.base import (
-    CompliantRotation,
     Lyapunov,
     OrientationOptions,
     OrientationRepresentation,
@@ -26,7 +25,6 @@ __all__ = [
     "SEPARATE",
     "SEQUENCES",
     "SIGNS",
-    "CompliantRotation",
     "EulerSequence",
     "Lyapunov",
     "OrientationOptions",

@@ -1,7 +1,7 @@
 """Euler angles: the difference phi_d - phi_e of the operational space, eqs. (22)-(26).
 
-The state of their rotational impedance is ``y`` = (phi_cd, dphi_cd), phi_cd = phi_c - phi_d; it is
-driven by ``u`` = (phi_d, mu), phi_d without jumps by a turn.
+The state of their rotational impedance is ``y`` = (phi_cd, dphi_cd), phi_cd = phi_c - phi_d, its
+input ``u`` = (phi_d, mu), phi_d without jumps by a turn.
 """
 
 from typing import Any, NamedTuple
@@ -9,22 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eulerparams_control.laws.impedance_matrices import Matrices
-from eulerparams_control.laws.orientation.base import (
-    CompliantRotation,
-    OrientationRepresentation,
-    RotationalSpring,
-)
+from eulerparams_control.laws.orientation.base import OrientationRepresentation, RotationalSpring
 from eulerparams_control.laws.orientation.sequences import wrap
 from eulerparams_control.laws.rotations import Array, inverse
 
 
 class EulerAnglesDisplacement(NamedTuple):
-    """The angles of both frames and their difference.
-
-    Attributes:
-        phi_d, phi_e: (3,) [rad] of the desired frame and of the end effector.
-        error: (3,) [rad] phi_d - phi_e wrapped to (-pi, pi], eq. (22).
-    """
+    """The angles (3,) [rad] of both frames, and phi_d - phi_e wrapped to (-pi, pi], eq. (22)."""
 
     phi_d: Array
     phi_e: Array
@@ -50,8 +41,7 @@ class EulerAnglesRepresentation(OrientationRepresentation):
     def velocity(self, x_de: EulerAnglesDisplacement, omega_d: Array, k_Po: float) -> Array:
         """Return T(phi_e) (dphi_d + k_Po (phi_d - phi_e)), eq. (23) by way of (24).
 
-        J_A^-1 = J^-1 diag(I, T) exists where J_A does not, so the product is used and
-        J_A is never built.
+        J_A^-1 = J^-1 diag(I, T) exists where J_A does not, which is never built.
         """
         sequence, (phi_d, phi_e, phi_de) = self.options.sequence, x_de
         dphi_d = sequence.rates(phi_d, omega_d)  # (3)
@@ -62,8 +52,7 @@ class EulerAnglesRepresentation(OrientationRepresentation):
     ) -> Array:
         """Return T (ddphi_d + k_Vo Delta dphi_de + k_Po Delta phi_de) + dT dphi_e, eq. (38).
 
-        T and dT are those of phi_e.  The first term is the second derivative ddphi_d; the
-        printed eq. (38) has dphi_d (erratum).
+        T and dT are those of phi_e.  The printed eq. (38) has dphi_d for ddphi_d (erratum).
         """
         sequence, (phi_d, phi_e, phi_de) = self.options.sequence, x_de
         dphi_d, dphi_e = sequence.rates(phi_d, omega_d), sequence.rates(phi_e, omega_e)  # (3)
@@ -71,6 +60,15 @@ class EulerAnglesRepresentation(OrientationRepresentation):
         T, dT = sequence.T(phi_e), sequence.dT(phi_e, dphi_e)
         dphi_de = dphi_d - dphi_e
         return T @ (ddphi_d + k_Vo * dphi_de + k_Po * phi_de) + dT @ dphi_e  # (38)
+
+    def singularity_distance(self, R_d: Array, R_e: Array) -> float:
+        """Return the smaller distance [rad] of the two frames to the pole of the sequence."""
+        return min(map(self.options.sequence.pole_distance, (R_d, R_e)))
+
+    @property
+    def singularity(self) -> str:
+        """That of the sequence."""
+        return self.options.sequence.singularity
 
     def relative_state(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
         """Return phi_c - phi_d and dphi_c - dphi_d."""
@@ -88,41 +86,30 @@ class EulerAnglesRepresentation(OrientationRepresentation):
     def state_rate(self, y: Array, u: Array, Z: Matrices) -> Array:
         """Return dy of (55), with T of phi_c = phi_d + Delta phi_cd."""
         phi_d, mu, phi_cd = u[:3], u[3:], y[:3]
-        T = self.options.sequence.T(phi_d + phi_cd)
-        return angles_rate(T.T @ mu, y, Z)
+        return angles_rate(self.options.sequence.T(phi_d + phi_cd), mu, y, Z)
 
     def compliant_rotation(
         self, y: Array, dy: Array, u: Array, R_d: Array, omega_d: Array, domega_d: Array
-    ) -> CompliantRotation:
+    ) -> tuple[Array, Array, Array]:
         """Return R(phi_c), T(phi_c) dphi_c and T(phi_c) ddphi_c + dT(phi_c) dphi_c, eq. (3)."""
         sequence, phi_d = self.options.sequence, u[:3]
         dphi_d = sequence.rates(phi_d, omega_d)
         phi_c, dphi_c = phi_d + y[:3], dphi_d + y[3:]
         ddphi_c = sequence.accelerations(phi_d, dphi_d, domega_d) + dy[3:]
         T, dT = sequence.T(phi_c), sequence.dT(phi_c, dphi_c)
-        return CompliantRotation(sequence.R(phi_c), T @ dphi_c, T @ ddphi_c + dT @ dphi_c)
+        return sequence.R(phi_c), T @ dphi_c, T @ ddphi_c + dT @ dphi_c
 
     def spring(self, R_d: Array, R_e: Array, K_o: Array) -> RotationalSpring:
         """Return the spring of phi_e - phi_d."""
-        phi_d = self.options.sequence.extract(R_d)
-        phi_e = self.options.sequence.extract(R_e)
-        return angles_spring(wrap(phi_e - phi_d), self.options.sequence.T(phi_e), K_o)
-
-    @property
-    def singularity(self) -> str:
-        """What is singular where the law has no answer, and what helps."""
-        return self.options.sequence.singularity
-
-    def singularity_distance(self, R_d: Array, R_e: Array) -> float:
-        """Return the smaller distance [rad] of the two frames to the pole of the sequence."""
-        pole_distance = self.options.sequence.pole_distance
-        return min(pole_distance(R_d), pole_distance(R_e))
+        sequence = self.options.sequence
+        phi_d, phi_e = sequence.extract(R_d), sequence.extract(R_e)
+        return angles_spring(wrap(phi_e - phi_d), sequence.T(phi_e), K_o)
 
 
-def angles_rate(mu_T: Array, y: Array, Z: Matrices) -> Array:
-    """Return dy of (55), M_o ddphi_cd + D_o dphi_cd + K_o phi_cd = T' mu, y = (phi_cd, dphi_cd)."""
+def angles_rate(T: Array, mu: Array, y: Array, Z: Matrices) -> Array:
+    """Return dy of M_o ddphi_cd + D_o dphi_cd + K_o phi_cd = T' mu, eq. (55)."""
     phi_cd, dphi_cd = y[:3], y[3:]
-    ddphi_cd = Z.M_inverse @ (mu_T - Z.D @ dphi_cd - Z.K @ phi_cd)  # (55)
+    ddphi_cd = Z.M_inverse @ (T.T @ mu - Z.D @ dphi_cd - Z.K @ phi_cd)  # (55)
     return np.concatenate((dphi_cd, ddphi_cd))
 
 

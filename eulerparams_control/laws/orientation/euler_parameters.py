@@ -1,48 +1,27 @@
 """Euler parameters: the vector part of the mutual unit quaternion, eqs. (27), (30), (42), (66)."""
 
-import math
-from typing import Any, NamedTuple
+from typing import Any
 
 from eulerparams_control.laws.jit import f8, jit, matrix, new_vector, vector
 from eulerparams_control.laws.orientation.base import Lyapunov
 from eulerparams_control.laws.orientation.relative_quaternion import (
+    QuaternionDisplacement,
     RelativeQuaternionRepresentation,
 )
 from eulerparams_control.laws.rotations import Array, EulerParameters, cross, turn
 
 
-class QuaternionDisplacement(NamedTuple):
-    """The mutual quaternion {eta_de, eps_de_e} and its vector part in the base frame.
-
-    Attributes:
-        Q_de: {eta_de, eps_de_e} with the sign chosen, eps in the end-effector frame.
-        error: eps_de (3,) in the base frame, eq. (27).
-    """
-
-    Q_de: EulerParameters
-    error: Array
-
-
-@jit(new_vector(f8, vector, matrix))
-def elastic_moment(eta: float, eps: Array, K_o: Array) -> Array:
-    """Return K_o' eps = 2 E' K_o eps = 2 (eta K_o eps + S(eps) K_o eps), eqs. (60), (66)."""
-    K_eps = turn(K_o, eps)
-    return 2.0 * (eta * K_eps + cross(eps, K_eps))
-
-
 class EulerParametersRepresentation(RelativeQuaternionRepresentation):
-    """The orientation error is eps_de; no orientation is singular."""
+    """The orientation error is eps_de = R_e eps_de_e, eq. (27); no orientation is singular."""
 
     name = "euler_parameters"
     symbol = "eps_de"
     slope = 0.5
+    singular_errors = ()
 
-    def displacement(
-        self, R_d: Array, R_e: Array, previous: QuaternionDisplacement | None = None
-    ) -> QuaternionDisplacement:
-        """Return {eta_de, eps_de_e} of R_e' R_d and eps_de = R_e eps_de_e, eq. (27)."""
-        Q_de = self.options.sign.mutual(R_e, R_d, previous and previous.Q_de)
-        return QuaternionDisplacement(Q_de, R_e @ Q_de.eps)
+    def e(self, Q: EulerParameters) -> Array:
+        """Return eps = sin(theta / 2) r."""
+        return Q.eps
 
     def velocity(self, x_de: QuaternionDisplacement, omega_d: Array, k_Po: float) -> Array:
         """Return the lower half of the bracket of (28)."""
@@ -56,29 +35,25 @@ class EulerParametersRepresentation(RelativeQuaternionRepresentation):
         eps_de, omega_de = x_de.error, omega_d - omega_e
         return domega_d + k_Vo * omega_de + k_Po * eps_de  # (40)
 
-    def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
-        """Return K_o' eps of (60), (66)."""
-        return elastic_moment(Q_cd.eta, Q_cd.eps, K_o)
-
-    def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
-        """Return 2 eps' K_o eps, of eq. (68)."""
-        return 2.0 * float(Q_cd.eps @ K_o @ Q_cd.eps)
+    @staticmethod
+    @jit(new_vector(f8, vector, matrix))
+    def elastic_moment(eta: float, eps: Array, K_o: Array) -> Array:
+        """Return K_o' eps = 2 E' K_o eps = 2 (eta K_o eps + S(eps) K_o eps), eqs. (60), (66)."""
+        K_eps = turn(K_o, eps)
+        return 2.0 * (eta * K_eps + cross(eps, K_eps))
 
     def lyapunov_1(self, x_de: QuaternionDisplacement, k_Po: float) -> Lyapunov:
         """Return V_1 = (eta - 1)^2 + eps' eps and dV_1 = -k_Po eps' eps, eqs. (30), (31)."""
-        eps_2 = float(x_de.error @ x_de.error)
-        return Lyapunov((x_de.Q_de.eta - 1) ** 2 + eps_2, -k_Po * eps_2)
+        eta, eps = x_de.Q_de
+        eps_2 = float(eps @ eps)
+        return Lyapunov((eta - 1) ** 2 + eps_2, -k_Po * eps_2)
 
     def lyapunov_2(
         self, x_de: QuaternionDisplacement, omega_de: Array, k_Po: float, k_Vo: float
     ) -> Lyapunov:
-        """Return V_2 and dV_2, eqs. (42), (43).
+        """Return V_2 = k_Po V_1 + omega_de' omega_de / 2 and dV_2, eqs. (42), (43).
 
-        V_2 = k_Po V_1 + omega_de' omega_de / 2 and dV_2 = -k_Vo omega_de' omega_de.
+        dV_2 = -k_Vo omega_de' omega_de.
         """
         omega_2 = float(omega_de @ omega_de)
         return Lyapunov(k_Po * self.lyapunov_1(x_de, k_Po).V + omega_2 / 2, -k_Vo * omega_2)
-
-    def singularity_distance(self, R_d: Array, R_e: Array) -> float:
-        """Return inf: there is no singularity."""
-        return math.inf

@@ -4,76 +4,99 @@ Their rotational impedance, in Euler parameters and relative angular velocity, e
 in the elastic moment only.  Its motion depends on the absolute orientation in no way.
 
 Notation: ``y`` = (eta_cd, eps_cd_d, x) with {eta_cd, eps_cd_d} of R_cd = R_d' R_c and ``x`` (3,)
-[rad/s] R_d' (omega_c - omega_d), all in the desired frame; ``u`` = mu^d (3,) [Nm].
+[rad/s] R_d' (omega_c - omega_d), all in the desired frame; ``u`` = mu^d (3,) [Nm]; ``o`` (3,) the
+vector of R_cd scaled to theta r where that is small, the coordinate of the elastic energy o' K_o o
+/ 2; with do = Omega x its elastic moment is mu_E = Omega' K_o o.
 """
 
 import math
 from abc import abstractmethod
-from typing import Any
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from eulerparams_control.laws.impedance_matrices import Impedance, Matrices
 from eulerparams_control.laws.jit import jit, matrix, new_vector, vector
 from eulerparams_control.laws.orientation.base import (
-    CompliantRotation,
     Lyapunov,
     OrientationRepresentation,
     RotationalSpring,
+    in_base,
 )
 from eulerparams_control.laws.rotations import (
     Array,
     EulerParameters,
-    cross,
+    R_quaternion,
+    angle_between,
     dot,
     mutual_R,
+    propagation,
     quaternion,
     turn,
 )
-from eulerparams_control.laws.rotations import matrix as R_of
 
-# Number of angles, up to half a turn, that are tried for the largest moment.
-_ANGLES = 181
+
+class QuaternionDisplacement(NamedTuple):
+    """The mutual quaternion and its vector e.
+
+    Attributes:
+        Q_de: {eta_de, eps_de_e} of R_e' R_d with the sign chosen, eps in the end-effector frame.
+        error: (3,) e in the base frame.
+        R_e: (3, 3).
+    """
+
+    Q_de: EulerParameters
+    error: Array
+    R_e: Array
 
 
 class RelativeQuaternionRepresentation(OrientationRepresentation):
-    """A representation whose impedance is (59) with an elastic moment of its own."""
+    """A representation whose impedance is (59) with an elastic moment of its own.
+
+    Attributes:
+        singular_errors: angles [rad] at which the law is singular, or its vector not unique.
+    """
+
+    singular_errors: ClassVar[tuple[float, ...]]
 
     @abstractmethod
-    def elastic_moment(self, Q_cd: EulerParameters, K_o: Array) -> Array:
-        """Return mu_E (3,) [Nm] in the desired frame, eqs. (62), (66).
-
-        Args:
-            Q_cd: {eta_cd, eps_cd_d} of R_d' R_c.
-            K_o: (3, 3) stiffness [Nm/rad].
-        """
+    def e(self, Q: EulerParameters) -> Array:
+        """Return e (3,) of a quaternion, in the same axes."""
 
     @abstractmethod
-    def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
-        """Return the energy [J] whose rate along x is mu_E' x: the second term of (68)."""
+    def elastic_moment(self, eta: float, eps: Array, K_o: Array) -> Array:
+        """Return mu_E (3,) [Nm] of {eta_cd, eps_cd_d}, in the desired frame, eqs. (62), (66)."""
 
-    def velocity(self, x_de: Any, omega_d: Array, k_Po: float) -> Array:
-        """Return omega_d + k_Po e, eq. (28): e is eps_de, or another vector along its axis."""
+    def displacement(
+        self, R_d: Array, R_e: Array, previous: QuaternionDisplacement | None = None
+    ) -> QuaternionDisplacement:
+        """Return {eta_de, eps_de_e} of R_e' R_d and e = R_e e_e, eq. (27)."""
+        Q_de = self.options.sign.mutual(R_e, R_d, previous and previous.Q_de)
+        return QuaternionDisplacement(Q_de, R_e @ self.e(Q_de), R_e)
+
+    def velocity(self, x_de: QuaternionDisplacement, omega_d: Array, k_Po: float) -> Array:
+        """Return omega_d + k_Po e, eq. (28) with e for eps_de."""
         return self.finite(omega_d + k_Po * x_de.error)
 
     def acceleration(
         self, x_de: Any, omega_d: Array, domega_d: Array, omega_e: Array, k_Po: float, k_Vo: float
     ) -> Array:
-        """Return domega_d + k_Vo Delta omega_de + k_Po e, eq. (40), e as in (28)."""
+        """Return domega_d + k_Vo Delta omega_de + k_Po e, eq. (40) with e for eps_de."""
         return self.finite(domega_d + k_Vo * (omega_d - omega_e) + k_Po * x_de.error)
+
+    def singularity_distance(self, R_d: Array, R_e: Array) -> float:
+        """Return how far [rad] the angle of the error is from the nearest singular one."""
+        theta = angle_between(R_e, R_d)
+        return min((abs(theta - angle) for angle in self.singular_errors), default=math.inf)
 
     def relative_state(self, R_d: Array, omega_d: Array, R_c: Array, omega_c: Array) -> Array:
         """Return y of two frames."""
         eta, eps = mutual_R(R_d, R_c)
         return np.concatenate(((eta,), eps, R_d.T @ (omega_c - omega_d)))
 
-    def relative_input(self, R_d: Array, mu: Array, before: Array | None) -> Array:
-        """Return mu^d = R_d' mu."""
-        return R_d.T @ mu
-
     def state_rate(self, y: Array, mu_d: Array, Z: Matrices) -> Array:
-        """Return dy: (17) and dx = M_o^-1 (mu^d - D_o x - mu_E), eqs. (59), (60)."""
-        mu_E = self.elastic_moment(EulerParameters(y.item(0), y[1:4]), Z.K)
+        """Return dy of (16), (17) and (59), (60)."""
+        mu_E = self.elastic_moment(y.item(0), y[1:4], Z.K)
         return _rate(y, mu_d, mu_E, Z.M_inverse, Z.D)
 
     def normalised(self, y: Array) -> Array:
@@ -83,29 +106,33 @@ class RelativeQuaternionRepresentation(OrientationRepresentation):
 
     def compliant_rotation(
         self, y: Array, dy: Array, mu_d: Array, R_d: Array, omega_d: Array, domega_d: Array
-    ) -> CompliantRotation:
-        """Return R_c = R_d R_cd, omega_c = omega_d + R_d x and domega_c.
+    ) -> tuple[Array, Array, Array]:
+        """Return the rotation of R_c = R_d R_cd and of x."""
+        R_cd = R_quaternion(y.item(0), y[1:4])
+        return in_base(R_d, R_cd, omega_d, domega_d, y[4:], dy[4:])
 
-        domega_c = domega_d + R_d dx + omega_d x omega_c: x are components in the desired frame,
-        which turns (erratum of (59)).
-        """
-        omega_c = omega_d + R_d @ y[4:]
-        domega_c = domega_d + R_d @ dy[4:] + cross(omega_d, omega_c)
-        return CompliantRotation(R_d @ R_of(y[0], y[1:4]), omega_c, domega_c)
+    def o(self, Q: EulerParameters) -> Array:
+        """Return the vector (3,) of the one of +-Q that turns by pi at most, over its slope."""
+        return self.e(-Q if Q.eta < 0.0 else Q) / self.slope
+
+    def elastic_energy(self, Q_cd: EulerParameters, K_o: Array) -> float:
+        """Return the energy [J] whose rate along x is mu_E' x: the second term of (68)."""
+        o = self.o(Q_cd)
+        return dot(o, turn(K_o, o)) / 2.0
 
     def spring(self, R_d: Array, R_e: Array, K_o: Array) -> RotationalSpring:
         """Return the spring of (62), (66) between a desired frame and another."""
         Q = mutual_R(R_d, R_e)
-        moment = -(R_d @ self.elastic_moment(Q, K_o))
+        moment = -(R_d @ self.elastic_moment(*Q, K_o))
         return RotationalSpring(moment, self.elastic_energy(Q, K_o), R_d)
 
     def least_moment(self, K_o: Array) -> float:
-        """Return the largest elastic moment [Nm] about the axis of K_o that has the least."""
-        halves = np.linspace(0.0, np.pi / 2, _ANGLES)[:-1]
-        return min(
-            max(abs(float(axis @ self.elastic_moment(_turned(half, axis), K_o))) for half in halves)
-            for axis in np.linalg.eigh(K_o)[1].T
-        )
+        """Return the largest elastic moment [Nm], of 180 angles, about the axis that has least."""
+        largest = []
+        for r in np.linalg.eigh(K_o)[1].T:
+            turns = [EulerParameters.from_angle_axis(math.radians(deg), r) for deg in range(180)]
+            largest.append(max(abs(float(r @ self.elastic_moment(*Q, K_o))) for Q in turns))
+        return min(largest)
 
     def lyapunov_3(self, R_cd: Array, x: Array, Z: Impedance, mu_d: Array) -> Lyapunov:
         """Return V_3 = x' M_o x / 2 + elastic energy and dV_3 = -x' D_o x + mu^d' x.
@@ -118,19 +145,8 @@ class RelativeQuaternionRepresentation(OrientationRepresentation):
 
 @jit(new_vector(vector, vector, vector, matrix, matrix))
 def _rate(y: Array, mu_d: Array, mu_E: Array, M_inverse: Array, D: Array) -> Array:
-    eta, eps, x = y[0], y[1:4], y[4:]
-    dy = np.empty(7)
-    dy[0] = -0.5 * dot(eps, x)  # eq. (16)
-    dy[1:4] = 0.5 * (eta * x - cross(eps, x))  # eq. (17)
+    """Return dy; the last of M_o dx + D_o x + mu_E = mu^d, eqs. (59), (60)."""
+    x, dy = y[4:], np.empty(7)
+    dy[0], dy[1:4] = propagation(y[0], y[1:4], x)  # eqs. (16), (17)
     dy[4:] = turn(M_inverse, mu_d - turn(D, x) - mu_E)  # eq. (59)
     return dy
-
-
-def short(Q: EulerParameters) -> EulerParameters:
-    """Return the one of +-Q that turns by pi at most."""
-    return -Q if Q.eta < 0.0 else Q
-
-
-def _turned(half: float, axis: Array) -> EulerParameters:
-    """Return the Euler parameters of a turn by twice ``half`` [rad] about an axis (3,)."""
-    return EulerParameters(math.cos(half), math.sin(half) * axis)

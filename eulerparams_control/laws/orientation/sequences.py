@@ -1,9 +1,7 @@
 """The 12 sequences of Euler angles: R(phi), T(phi), its derivative, extraction.
 
 A sequence (i, j, k) is intrinsic: R = R_i(alpha) R_j(beta) R_k(gamma), eq. (2).
-Six have three different axes (XYZ, ...), six have the last equal to the first
-(ZYZ, ...).  The derivations for all 12 are in the errata of the paper's equations;
-NOTATION.md lists them.
+Six have three different axes (XYZ, ...), six have the last equal to the first (ZYZ, ...).
 
 Notation: ``phi`` (3,) angles [rad], ``i, j, k`` axes as 0, 1, 2, ``l`` the one that is neither i
 nor j, ``s`` the sign of the permutation (i, j, l).
@@ -17,15 +15,7 @@ import numpy as np
 
 from eulerparams_control.errors import SingularityError, UnknownNameError
 from eulerparams_control.laws.jit import f8, i8, jit, matrix, new_matrix, new_vector, types, vector
-from eulerparams_control.laws.rotations import (
-    Array,
-    R_axis,
-    cross,
-    product,
-    relative,
-    solve,
-    turn,
-)
+from eulerparams_control.laws.rotations import Array, cross, product, relative, solve, turn
 
 SEQUENCES = (
     *("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"),
@@ -38,6 +28,17 @@ def wrap(phi: Array) -> Array:
     wrapped: Array = np.pi - (np.pi - phi) % (2.0 * np.pi)
     wrapped[wrapped <= -np.pi] = np.pi  # rounding may reach -pi
     return wrapped
+
+
+@jit(new_matrix(i8, f8))
+def R_axis(axis: int, angle: float) -> Array:
+    """Return the elementary rotation by ``angle`` [rad] about x, y or z (0, 1, 2)."""
+    c, s = math.cos(angle), math.sin(angle)
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    R = np.zeros((3, 3))
+    R[axis, axis], R[j, j], R[k, k] = 1.0, c, c
+    R[j, k], R[k, j] = -s, s
+    return R
 
 
 @jit(new_matrix(i8, i8, i8, vector))
@@ -75,11 +76,7 @@ def rates_of(i: int, j: int, k: int, phi: Array, omega: Array) -> Array:
 
 @jit(types.UniTuple(f8, 3)(i8, i8, i8, matrix))
 def pole_angles(i: int, j: int, k: int, R: Array) -> tuple[float, float, float]:
-    """Return alpha and beta [rad], and the sine of the distance to the pole.
-
-    Gamma does not come from its own entries: next to the pole these and those of
-    alpha are rounding noise one by one, and R(phi) would not be R.
-    """
+    """Return alpha and beta [rad], and the sine of the distance to the pole."""
     s, l = 1.0 if (j - i) % 3 == 1 else -1.0, 3 - i - j
     if i == k:
         sine = math.hypot(R[i, j], R[i, l])
@@ -92,7 +89,8 @@ def pole_angles(i: int, j: int, k: int, R: Array) -> tuple[float, float, float]:
 def extract_of(i: int, j: int, k: int, R: Array, gamma: float) -> Array:
     """Return phi [rad] with R(phi) = R; at the pole, where alpha and gamma are not unique, gamma.
 
-    Next to the pole the angles are those of R as it is, however little its last bits may mean.
+    Else gamma follows from R and alpha: next to the pole its own entries and those of alpha are
+    rounding noise one by one, and R(phi) would not be R.
     """
     s, l = 1.0 if (j - i) % 3 == 1 else -1.0, 3 - i - j
     alpha, beta, sine = pole_angles(i, j, k, R)
@@ -110,14 +108,7 @@ def extract_of(i: int, j: int, k: int, R: Array, gamma: float) -> Array:
 
 @dataclass(frozen=True)
 class EulerSequence:
-    """One of the 12 sequences of Euler angles.
-
-    Args:
-        name: three letters such as ``"XYZ"``.
-
-    Raises:
-        UnknownNameError: if it is none of the 12; lists them.
-    """
+    """One of the 12 sequences of Euler angles; UnknownNameError lists them."""
 
     name: str = "XYZ"
 
@@ -131,33 +122,24 @@ class EulerSequence:
         i, j, k = ("XYZ".index(letter) for letter in self.name)
         return i, j, k
 
-    @cached_property
-    def is_proper(self) -> bool:
-        """Whether the last axis is the first (ZYZ and its kin)."""
-        return self.axes[0] == self.axes[2]
-
     def R(self, phi: Array) -> Array:
         """Return R(phi) (3, 3) of the angles phi (3,) [rad], eq. (2)."""
-        R: Array = R_of(*self.axes, phi)
-        return R
+        return R_of(*self.axes, phi)
 
     def T(self, phi: Array) -> Array:
         """Return T(phi) (3, 3) with omega = T dphi in the base frame, eq. (3)."""
-        T: Array = T_of(*self.axes, phi)
-        return T
+        return T_of(*self.axes, phi)
 
     def dT(self, phi: Array, dphi: Array) -> Array:
         """Return the derivative of T (3, 3) [1/s] along the rates dphi (3,) [rad/s]."""
-        dT: Array = dT_of(*self.axes, phi, dphi)
-        return dT
+        return dT_of(*self.axes, phi, dphi)
 
     def rates(self, phi: Array, omega: Array) -> Array:
-        """Return dphi = T(phi)^-1 omega (3,) [rad/s]; unbounded towards the pole.
+        """Return dphi = T(phi)^-1 omega (3,) [rad/s], unbounded towards the pole.
 
-        Raises:
-            SingularityError: if T is exactly singular.
+        Raises SingularityError where T is exactly singular.
         """
-        dphi: Array = rates_of(*self.axes, phi, omega)
+        dphi = rates_of(*self.axes, phi, omega)
         if math.isnan(dphi[0]):
             raise SingularityError(self.singularity)
         return dphi
@@ -176,15 +158,8 @@ class EulerSequence:
         )
 
     def extract(self, R: Array, previous: Array | None = None) -> Array:
-        """Return phi (3,) [rad] with R(phi) = R (3, 3).
-
-        Args:
-            R: rotation matrix.
-            previous: the angles before, whose gamma is kept at the pole (else 0).
-        """
-        gamma = 0.0 if previous is None else previous[2]
-        phi: Array = extract_of(*self.axes, R, gamma)
-        return phi
+        """Return phi (3,) [rad] with R(phi) = R; at the pole gamma is the previous one, or 0."""
+        return extract_of(*self.axes, R, 0.0 if previous is None else previous[2])
 
     def pole_distance(self, R: Array) -> float:
         """Return the angle [rad] in [0, pi/2] from R (3, 3) to the nearest pole of T."""

@@ -35,10 +35,6 @@ class SignRule:
         name: one of ``SIGNS``, or ``SEPARATE``.
         delta: hysteresis in eta, in [0, 1); theta flips beyond 2 acos(-delta).
         initial: sign of eta at the first sample, 1; or -1, with ``continuous`` only.
-
-    Raises:
-        UnknownNameError: if there is no such rule.
-        ConfigurationError: if delta or the initial sign is impossible.
     """
 
     name: str = "hysteretic"
@@ -56,12 +52,7 @@ class SignRule:
             )
 
     def mutual(self, R_e: Array, R_d: Array, previous: EulerParameters | None) -> EulerParameters:
-        """Return {eta_de, eps_de_e} of R_e' R_d with its sign, eqs. (11)-(13).
-
-        Args:
-            R_e, R_d: (3, 3) the two orientations.
-            previous: what was returned for the sample before; None at the first.
-        """
+        """Return {eta_de, eps_de_e} of R_e' R_d with its sign, eqs. (11)-(13); see ``choose``."""
         if self.name == SEPARATE:
             return mutual(quaternion(R_e), quaternion(R_d))
         return self.choose(mutual_R(R_e, R_d), previous)

@@ -83,6 +83,6 @@ def _turn(name: str, K_o: Array, mu: Array, factor: float = 1.0) -> float:
 def _apart(K_R: Array, R: Array) -> tuple[float, float]:
     """Return by what moments and energies differ; both moments in the compliant axes."""
     law, K_o, Q = EulerParametersRepresentation(), np.trace(K_R) * np.eye(3) - K_R, quaternion(R)
-    moment = geometric_moment(R, K_R) - R.T @ law.elastic_moment(Q, K_o)
+    moment = geometric_moment(R, K_R) - R.T @ law.elastic_moment(*Q, K_o)
     energy = np.trace(K_R @ (np.eye(3) - R)) - law.elastic_energy(Q, K_o)
     return float(np.abs(moment).max()), abs(float(energy))

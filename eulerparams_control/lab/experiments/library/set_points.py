@@ -12,9 +12,9 @@ from eulerparams_control.laws.orientation import EulerSequence
 from eulerparams_control.laws.rotations import (
     Array,
     EulerParameters,
+    R_quaternion,
     exp,
     log,
-    matrix,
     quaternion,
 )
 from eulerparams_control.motion.frames import DesiredFrame
@@ -99,7 +99,7 @@ def between(
     to, back = _OF_Q[name]
     Q = back(_way(to(quaternion(R_1)), to(quaternion(R_2)), shares))
     Q = Q / np.linalg.norm(Q, axis=1, keepdims=True)
-    return over(matrix, Q[:, 0], Q[:, 1:], shape=(3, 3))
+    return over(R_quaternion, Q[:, 0], Q[:, 1:], shape=(3, 3))
 
 
 def _way(x_1: Array, x_2: Array, shares: Array) -> Array:
