@@ -167,8 +167,7 @@ def test_a_stiffness_that_a_program_swings_in_contact_is_no_chatter(loop):
 
 def fed(axis, speed, frequency=5.0, force=8.0):
     """Return what a watch says of a contact that swings along an axis, with power from the tool."""
-    p = ImpedanceParameters()
-    watch, found = ContactWatch(4.0, 0.4, p.translation(), p.rotation()), []
+    watch, found = ContactWatch(ImpedanceParameters()), []
     part = axis // 3
     w, v = np.zeros(6), np.zeros(6)
     for k in range(1500):

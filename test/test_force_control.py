@@ -16,7 +16,7 @@ from tolerances import ALGEBRAIC, assert_close
 
 from eulerparams_control.control.mode import Cause, Mode, Why
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.force_control import ForceControl, ForceOptions
+from eulerparams_control.laws.force_control import ForceControl
 from eulerparams_control.laws.impedance_matrices import Matrices
 from eulerparams_control.laws.rotations import quaternion
 from eulerparams_control.laws.wrench import SensedWrench
@@ -195,7 +195,7 @@ def test_a_contact_that_begins_is_not_taken_for_noise():
 @pytest.mark.parametrize("size", [2.0, 3.0])
 def test_a_sway_of_the_sensor_is_no_contact(size, f_d):
     """Of 2 Hz and 5 Hz, from when the noise is hardly known."""
-    force, still = ForceControl(ForceOptions()), DesiredFrame(np.zeros(3), np.eye(3))
+    force, still = ForceControl(ImpedanceParameters()), DesiredFrame(np.zeros(3), np.eye(3))
     force.press(np.array([0.0, 0.0, f_d]))
     for t in np.arange(0.0, 2.0, 0.001):
         f = size * math.sin(2 * math.pi * {2.0: 2.0, 3.0: 5.0}[size] * t)
@@ -206,12 +206,13 @@ def test_a_sway_of_the_sensor_is_no_contact(size, f_d):
 @pytest.mark.parametrize("in_base", [True, False])
 def test_along_the_axes_there_is_no_stiffness_and_across_them_the_impedance_stays(in_base):
     R_e, R_d = uniform(2)
-    force, at_tip = ForceControl(ForceOptions()), DesiredFrame(np.zeros(3), R_e)
+    force, at_tip = ForceControl(ImpedanceParameters()), DesiredFrame(np.zeros(3), R_e)
     force.press(np.array([0.0, 0.0, FORCE]))
     _, rate = force.drive(0.0, at_tip, at_tip, at_tip, np.zeros(6), 1.0)
-    n = R_e[:, 2] if in_base else R_d.T @ R_e[:, 2]
+    R = R_e if in_base else R_d.T @ R_e
+    n = R[:, 2]
     M, D, K = positive_definite(3, least=10.0, most=100.0)
-    freed = force.freed(R_d, rate, Matrices(np.linalg.inv(M), D, K), in_base)
+    freed = force.freed(R, rate, Matrices(np.linalg.inv(M), D, K))
     assert_close(freed.K @ n, 0, 1e3 * ALGEBRAIC)
     assert_close(freed.M_inverse @ freed.D @ n, rate * n, 1e3 * ALGEBRAIC)
     P = np.eye(3) - np.outer(n, n)
@@ -228,10 +229,7 @@ def test_noise_of_the_sensor_is_no_contact():
     assert arm.scheme.damping == 1.0
 
 
-def test_impossible_options_are_refused():
+def test_impossible_axes_are_refused():
     for wrong in (("w",), ("z", "z"), ("",)):
         with pytest.raises(ConfigurationError, match="expected some of x, y, z"):
-            ForceOptions(wrong)
-    for name in ("bandwidth", "max_speed", "stiffest", "mass"):
-        with pytest.raises(ConfigurationError, match=name):
-            ForceOptions(**{name: math.nan})
+            ForceControl(ImpedanceParameters(force_axes=wrong))

@@ -306,7 +306,9 @@ def test_the_inertia_of_a_moving_tool_is_taken_out_by_the_acceleration_of_the_la
     state = UR5.dynamic_state(q, dq)
 
     def expected(acceleration):
-        return WrenchChain(scheme.chain.options).contact(sensed, state.arm, acceleration, DT)
+        return WrenchChain(scheme.robot, scheme.parameters).contact(
+            sensed, state.arm, acceleration, DT
+        )
 
     scheme.sense(sensed)
     scheme.tick(DT, q, dq - DT * ddq, MIDDLE)

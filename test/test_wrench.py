@@ -5,6 +5,7 @@ weight, and the rate of its momentum.
 """
 
 import math
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
@@ -14,9 +15,12 @@ from samples import generator, moving, positive_definite, rodrigues, uniform, un
 from tolerances import ALGEBRAIC, MOMENTUM, assert_close
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.wrench import RestingWrench, SensedWrench, WrenchChain, WrenchOptions
+from eulerparams_control.laws.wrench import SensedWrench, WrenchChain, is_still, mean_felt
 from eulerparams_control.motion.frames import Placement
-from eulerparams_control.robot.robot import RobotState, Tool
+from eulerparams_control.parameters.fields import from_mapping
+from eulerparams_control.parameters.impedance_control import ImpedanceParameters
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot, RobotState, Tool
 
 COUNT = 40
 DT = 1e-3  # [s]
@@ -56,16 +60,24 @@ def truths(count=COUNT, key=0):
         yield Truth(contact, arm_at(R_e, p_e), Placement(R_s, p_s))
 
 
-def contact(options, sensed, truth, acceleration=None):
-    """Return what a new chain makes of one sample."""
-    return WrenchChain(options).contact(sensed, truth.arm, acceleration, DT)
+def chain_of(tool=None, robot=UR5, **given):
+    """Return a new chain of parameters, with a tool."""
+    if tool is not None:
+        six = tuple(tool.inertia[np.triu_indices(3)])
+        given |= {"tool_mass": tool.mass, "tool_com": tuple(tool.com), "tool_inertia": six}
+    return WrenchChain(robot, ImpedanceParameters(**given))
+
+
+def contact(chain, sensed, truth, acceleration=None):
+    """Return what a chain makes of one sample."""
+    return chain.contact(sensed, truth.arm, acceleration, DT)
 
 
 # --- the tool ---------------------------------------------------------------------------------
 def tools(count=COUNT, key=0):
     """Return tools of up to 3 kg whose centre of mass is up to 0.2 m away, in the tip frame."""
     random = generator(804, key)
-    for inertia in positive_definite(count, 805 + key, 0.005, 0.02):
+    for inertia in positive_definite(count, 805 + key, 0.01, 0.02):
         yield Tool(random.uniform(0.5, 3), random.uniform(-0.2, 0.2, 3), inertia)
 
 
@@ -95,17 +107,26 @@ def inertia_of(tool, motion, t, step=1e-5):
 def test_all_parts_together_find_the_contact_weight_and_inertia_by_their_switches(
     weight, inertial, gravity
 ):
-    biases = generator(812).normal(size=(COUNT, 6))
+    about, biases = load_robot("ur5"), generator(812).normal(size=(COUNT, 6))
+    robot = Robot(about.urdf, about.base_frame, about.tip_frame, gravity=gravity)
     for truth, tool, bias, key in zip(truths(), tools(), biases, range(COUNT), strict=True):
         motion = moving(key)
         p, R, dp, omega, ddp, domega = motion(0.1)
         truth, a = truth._replace(arm=arm_at(R, p, dp, omega)), np.concatenate((ddp, domega))
-        of_tool = weight_of(tool, truth.arm, np.array(gravity)), inertia_of(tool, motion, 0.1)
+        of_tool = weight_of(tool, truth.arm, robot.gravity), inertia_of(tool, motion, 0.1)
         sensed = truth.sensed(truth.contact + sum(of_tool))
-        options = WrenchOptions(
-            -1, tuple(bias), tool, gravity, weight, inertial, 0.4, 0.2, cutoff=50.0
+        chain = chain_of(
+            tool,
+            robot,
+            wrench_sign=-1,
+            wrench_bias=tuple(bias),
+            compensate_tool_weight=weight,
+            compensate_tool_inertia=inertial,
+            force_dead_band=0.4,
+            torque_dead_band=0.2,
+            wrench_cutoff=50.0,
         )
-        found = contact(options, sensed._replace(w=-(sensed.w + bias)), truth, a)
+        found = contact(chain, sensed._replace(w=-(sensed.w + bias)), truth, a)
         left = sum(w for w, is_out in zip(of_tool, (weight, inertial), strict=True) if not is_out)
         assert_close(found, shortened(truth.contact + left, 0.4, 0.2), MOMENTUM)
 
@@ -122,14 +143,14 @@ def test_without_a_known_acceleration_only_the_weight_is_taken_out():
     (tool,), truth = tools(1), next(truths(1))
     moving_arm = truth.arm._replace(omega_e=np.array([1.0, 2.0, 3.0]))
     sensed = truth.sensed(truth.contact + weight_of(tool, truth.arm))
-    found = contact(WrenchOptions(tool=tool), sensed, truth._replace(arm=moving_arm))
+    found = contact(chain_of(tool), sensed, truth._replace(arm=moving_arm))
     assert_close(found, truth.contact)
 
 
 # --- bias, tare ---------------------------------------------------------------------------------
 def test_a_tare_takes_out_an_unknown_bias_in_every_orientation():
     bias, (tool,), first = generator(807).normal(size=6), tools(1), next(truths(1))
-    own = WrenchChain(WrenchOptions(sign=-1, tool=tool))
+    own = chain_of(tool, wrench_sign=-1)
     for k, (R, truth) in enumerate(zip(uniform(COUNT, 9), truths(), strict=True)):
         here = first._replace(arm=truth.arm._replace(R_e=R))  # the sensor stays on the tip
         touch, weight = truth.contact if k else STILL, weight_of(tool, here.arm)
@@ -142,7 +163,7 @@ def test_a_tare_takes_out_an_unknown_bias_in_every_orientation():
 
 def test_a_second_tare_replaces_the_first_and_other_options_and_resets_keep_it():
     truth = next(truths(1))
-    own, sensed = WrenchChain(WrenchOptions(cutoff=1.0)), truth.sensed(truth.contact)
+    own, sensed = chain_of(wrench_cutoff=1.0), truth.sensed(truth.contact)
     own.tare(3 * own.felt(sensed, truth.arm, None))
     own.contact(sensed, truth.arm, None, DT)
     again = own.felt(sensed, truth.arm, None)
@@ -150,7 +171,7 @@ def test_a_second_tare_replaces_the_first_and_other_options_and_resets_keep_it()
     assert_close(own.tared, again)
     again += 100.0  # it keeps no array of others
     assert_close(own.contact(sensed, truth.arm, None, DT), 0)  # nor what the low-pass has seen
-    own.replace_options(WrenchOptions(dead_force=1e-9))
+    own.change(ImpedanceParameters(force_dead_band=1e-9))
     own.reset()
     assert_close(own.contact(sensed, truth.arm, None, DT), 0)
 
@@ -170,12 +191,12 @@ def test_a_dead_band_shortens_force_and_moment_each_by_its_own_width_to_nothing_
     left = max(0.0, length - 1)  # the direction is kept, and there is no step at the edge
     for u, v, (force, torque) in zip(unit_vectors(10), unit_vectors(10, 1), widths, strict=True):
         w = np.concatenate((force * u, torque * v))
-        own = WrenchChain(WrenchOptions(dead_force=force, dead_torque=torque))
+        own = chain_of(force_dead_band=force, torque_dead_band=torque)
         assert_close(filtered(own, length * w), left * w)
 
 
 def test_the_step_response_does_not_depend_on_how_the_time_is_divided():
-    own, t = WrenchChain(WrenchOptions(cutoff=5.0)), 0.0
+    own, t = chain_of(wrench_cutoff=5.0), 0.0
     filtered(own, STILL)
     for dt in generator(810).uniform(0, 0.02, size=50):
         t += dt
@@ -185,23 +206,23 @@ def test_the_step_response_does_not_depend_on_how_the_time_is_divided():
 
 
 def test_the_low_pass_is_after_the_dead_band_in_the_axes_of_the_tip_and_its_cut_off_may_change():
-    own = WrenchChain(WrenchOptions(cutoff=1.0))  # the arm turns, its sensor feels the same
+    own = chain_of(wrench_cutoff=1.0)  # the arm turns, its sensor feels the same
     for k in range(20):
         R_e = rodrigues(0.1 * k, unit_vectors(1)[0])
         expected = np.concatenate((R_e @ LOAD[:3], R_e @ LOAD[3:]))
         assert_close(filtered(own, LOAD, arm=arm_at(R_e)), expected)
-    own, force = WrenchChain(WrenchOptions(cutoff=1.0, dead_force=1.0)), 4.0 * np.eye(6)[0]
+    own, force = chain_of(wrench_cutoff=1.0, force_dead_band=1.0), 4.0 * np.eye(6)[0]
     filtered(own, STILL)
     before = filtered(own, force)
     share = 1 - math.exp(-2 * math.pi * DT)
     assert before[0] == pytest.approx(share * 3.0, rel=1e-9)  # 0 the other way round
-    own.replace_options(WrenchOptions(cutoff=8.0))  # it goes on from there
+    own.change(ImpedanceParameters(wrench_cutoff=8.0))  # it goes on from there
     share = 1 - math.exp(-2 * math.pi * 8 * DT)
     assert_close(filtered(own, force), before + share * (force - before))
 
 
 def test_without_a_cut_off_nothing_is_filtered_and_the_first_sample_passes():
-    own, low = WrenchChain(WrenchOptions()), WrenchChain(WrenchOptions(cutoff=1.0))
+    own, low = chain_of(), chain_of(wrench_cutoff=1.0)
     for w in generator(811).normal(size=(10, 6)):
         assert_close(filtered(own, w), w)
     assert_close(filtered(low, LOAD), LOAD)
@@ -211,54 +232,50 @@ def test_without_a_cut_off_nothing_is_filtered_and_the_first_sample_passes():
 
 
 REFUSED = [
-    *(({"sign": sign}, f"wrench_sign is {sign}; expected 1 or -1") for sign in (0, 2, -2, 0.5)),
-    *(({"bias": (0.0,) * n}, f"wrench_bias has {n} values; expected 6") for n in (0, 3, 5, 7)),
-    ({"bias": (math.nan,) * 6}, "wrench_bias is .*expected finite"),
+    ({"wrench_sign": 0}, "wrench_sign is 0; expected 1 or -1"),
     *(
-        ({name: value}, f"{name} is {value}; expected >= 0")
-        for name in ("dead_force", "dead_torque", "cutoff")
+        ({"wrench_bias": (0.0,) * n}, f"wrench_bias has {n} values; expected 6")
+        for n in (0, 3, 5, 7)
+    ),
+    ({"wrench_bias": (math.nan,) * 6}, "'wrench_bias' is nan; expected a finite number"),
+    *(
+        ({name: value}, f"'{name}' is {value:g}.*; expected")
+        for name in ("force_dead_band", "torque_dead_band", "wrench_cutoff")
         for value in (-1e-9, math.nan, math.inf)
     ),
 ]
 
 
-@pytest.mark.parametrize(("options", "text"), REFUSED)
-def test_impossible_options_are_refused(options, text):
+@pytest.mark.parametrize(("given", "text"), REFUSED)
+def test_impossible_parameters_are_refused(given, text):
     with pytest.raises(ConfigurationError, match=text):
-        WrenchOptions(**options)
+        WrenchChain(UR5, from_mapping(ImpedanceParameters, given))
 
 
 # --- the mean at rest ---------------------------------------------------------------------------
-def test_the_mean_at_rest_is_that_of_what_the_chain_feels_of_the_last_samples_at_their_poses():
+def test_the_mean_at_rest_is_that_of_what_the_chain_feels_of_samples_at_their_poses():
     truth, (tool,), noise = next(truths(1)), tools(1), generator(813).normal(size=(15, 6))
-    own, resting = (
-        WrenchChain(WrenchOptions(-1, tool=tool, cutoff=1.0, dead_force=9.0)),
-        RestingWrench(10),
-    )
+    own = chain_of(tool, wrench_sign=-1, wrench_cutoff=1.0, force_dead_band=9.0)
+    samples = []
     own.tare(np.arange(6.0))  # what is felt is before the tare
     for count, w in enumerate(noise, start=1):
         q = HOME + generator(814, count).uniform(-1, 1, size=6)
         here = truth._replace(arm=UR5.state(q, STILL))
         sensed = here.sensed(w + weight_of(tool, here.arm))
-        resting.add(sensed._replace(w=-sensed.w), q, STILL)
-        assert resting.count == min(count, 10)
+        samples.append((sensed._replace(w=-sensed.w), q, STILL))
         felt = np.concatenate((here.arm.R_e.T @ w[:3], here.arm.R_e.T @ w[3:]))
         noise[count - 1] = felt
-    assert_close(resting.mean(own, UR5), noise[5:].mean(axis=0), 10 * ALGEBRAIC)
-    assert_close(resting.mean(own, UR5, 3), noise[12:].mean(axis=0), 10 * ALGEBRAIC)
-    resting.clear()
-    assert resting.count == 0
+    assert_close(mean_felt(own, samples[5:]), noise[5:].mean(axis=0), 10 * ALGEBRAIC)
 
 
 def test_an_arm_is_still_if_no_joint_moves_by_more_than_its_bound():
-    resting, noise = RestingWrench(10), generator(815).normal(size=(10, 6))
+    samples, noise = deque(maxlen=10), generator(815).normal(size=(10, 6))
     for k in range(10):
         q = HOME + (0.004 * (k % 2) + 2 * math.pi * (k % 3)) * np.eye(6)[k % 6]  # a driver wraps
-        resting.add(SensedWrench(noise[k], AT_TIP), q, STILL)
-    assert resting.is_still
-    assert_close(resting.spread(), noise.std(axis=0))
-    resting.add(SensedWrench(STILL, AT_TIP), HOME + 0.006 * np.eye(6)[2], STILL)
-    assert not resting.is_still
+        samples.append((SensedWrench(noise[k], AT_TIP), q, STILL))
+    assert is_still(samples)
+    samples.append((SensedWrench(STILL, AT_TIP), HOME + 0.006 * np.eye(6)[2], STILL))
+    assert not is_still(samples)
     for _ in range(10):  # what was before is forgotten
-        resting.add(SensedWrench(STILL, AT_TIP), HOME, STILL)
-    assert resting.is_still
+        samples.append((SensedWrench(STILL, AT_TIP), HOME, STILL))
+    assert is_still(samples)

@@ -32,7 +32,6 @@ from eulerparams_control.analysis.series import Efforts, Series, ShapedMotion
 from eulerparams_control.analysis.stacks import displacements, errors, over, quaternions
 from eulerparams_control.bags.format import BagWarning, in_words
 from eulerparams_control.errors import BagError, RobotError
-from eulerparams_control.laws.force_control import ForceOptions
 from eulerparams_control.laws.orientation import (
     EulerSequence,
     OrientationOptions,
@@ -169,12 +168,12 @@ class Recording(RecordedRun):
         Raises:
             BagError: if the parameters are impossible, or a frame is not fixed to the tip.
         """
-        sensed, robot = self.sensed, self.robot
+        sensed, robot, told = self.sensed, self.robot, self._told
         if sensed is None:
             raise BagError("no wrench was recorded")
-        with parameters_to_blame(self._told.scheme.name):
-            options = self._told.wrench_options(robot)
-        w = options.sign * sensed.w - np.array(options.bias)
+        with parameters_to_blame(told.scheme.name):
+            bias, tool = told.sensor()
+        w = told.wrench_sign * sensed.w - bias
         f_t, mu_t = np.empty((2, len(w), 3))
         for name in dict.fromkeys(sensed.frames.tolist()):
             here = sensed.frames == name
@@ -183,9 +182,9 @@ class Recording(RecordedRun):
             except RobotError as error:
                 raise BagError(f"the wrench cannot be moved to the tip: {error}") from error
         R_e = self.measured.R_e[self.measured.before(sensed.t)]
-        if options.tool is not None and options.weight:
-            weight = options.tool.mass * (np.array(options.gravity) @ R_e)
-            f_t, mu_t = f_t - weight, mu_t - np.cross(options.tool.com, weight)
+        if tool is not None and told.compensate_tool_weight:
+            weight = tool.mass * (robot.gravity @ R_e)
+            f_t, mu_t = f_t - weight, mu_t - np.cross(tool.com, weight)
         f, mu = (np.einsum("nij,nj->ni", R_e, v) for v in (f_t, mu_t))
         return Wrenches(sensed.t, f, mu)
 
@@ -227,7 +226,7 @@ class Recording(RecordedRun):
             return None
         told = self._told
         with parameters_to_blame(told.scheme.name):
-            centre, on = told.centre(self.robot), ForceOptions(told.force_axes).are_on
+            centre, on = told.centre(self.robot), told.force_selection()
         R = measured.R_e[measured.before(wrench.t)] @ centre.R
         last = np.searchsorted(targets.t, wrench.t, side="right") - 1
         counts = (last >= 0) & (wrench.t - targets.t[last] <= told.target_timeout)

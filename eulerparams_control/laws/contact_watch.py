@@ -13,11 +13,15 @@ observer (Hannaford and Ryu, Time-domain passivity control of haptic interfaces,
 
 import math
 from enum import IntEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eulerparams_control.laws.impedance_matrices import Impedance
 from eulerparams_control.laws.jit import Array, f8, i8, jit, matrix, new_matrix, new_vector, vector
+
+if TYPE_CHECKING:
+    from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 
 # Time constants [s] of the low-pass against noise, of the means, and of the power that swings.
 _NOISE, _MEAN, _MEMORY = 0.005, 0.3, 0.7
@@ -36,9 +40,9 @@ _GIVES = -0.25
 # Speeds [m/s, rad/s] that make, with the ripple, the least power that counts.
 _LEAST_SPEED = (0.005, 0.05)
 
-# Rows of turns and of presses, 6 numbers each: sign and time of the last one, when they began to
-# follow each other, and how many have; of presses also whether the tool is pressed.
-_SIGN, _LAST, _BEGAN, _COUNT, _IS_PRESSED = range(5)
+# Rows of the events, 6 numbers each, of turns and then of presses: sign and time of the last one,
+# when they began to follow each other, how many have, and whether the tool is pressed.
+_SIGN, _LAST, _BEGAN, _COUNT, _IS_PRESSED, _ROWS = range(6)
 
 # The books: time, energy; then the power that swings, given and in size, of forces and of moments.
 _TIME, _ENERGY, _POWER, _SIZE, _BOOKS = 0, 1, 2, 4, 6
@@ -53,25 +57,17 @@ class Oscillation(IntEnum):
 
 
 class ContactWatch:
-    """Observes the energy and the oscillation of a contact.
+    """Observes the energy and the oscillation of a contact, beyond the ripple that it may have."""
 
-    Args:
-        force, moment: [N], [Nm] ripple that a contact may have; infinite: none is too much.
-        translation, rotation: the impedances, which say how far apart bounces may be.
-
-    """
-
-    def __init__(
-        self, force: float, moment: float, translation: Impedance, rotation: Impedance
-    ) -> None:
-        self.expect(force, moment, translation, rotation)
+    def __init__(self, parameters: "ImpedanceParameters") -> None:
+        self.expect(parameters)
         self.reset()
 
-    def expect(
-        self, force: float, moment: float, translation: Impedance, rotation: Impedance
-    ) -> None:
-        """Go on with another law."""
-        self._expected = np.array([[force, _gap(translation)], [moment, _gap(rotation)]])
+    def expect(self, parameters: "ImpedanceParameters") -> None:
+        """Go on with other parameters."""
+        p = parameters
+        force = p.max_ripple_force, _gap(p.translation())
+        self._expected = np.array([force, (p.max_ripple_torque, _gap(p.rotation()))])
 
     def expect_changes(self) -> None:
         """Let only quick bounces count: a program swings the stiffness, and so the contact."""
@@ -81,29 +77,21 @@ class ContactWatch:
         """Start again: nothing was given."""
         self._books = np.zeros(_BOOKS)
         self._smooth = np.zeros((4, 6))  # w and v without noise, and their means
-        self.look_again()
+        self._look_again()
 
-    def look_again(self) -> None:
-        """Look for an oscillation from the start again; the energy goes on."""
-        self._turns, self._presses = np.zeros((4, 6)), np.zeros((5, 6))
-        self._turns[_LAST] = self._presses[_LAST] = -math.inf
+    def _look_again(self) -> None:
+        """Look for an oscillation from the start; the energy goes on."""
+        self._events = np.zeros((2 * _ROWS, 6))
+        self._events[[_LAST, _ROWS + _LAST]] = -math.inf
         self._books[_POWER:] = 0.0
 
     def take(self, w: Array, v: Array, omega: Array, dt: float) -> Oscillation:
-        """Return whether the contact oscillates.
-
-        Where it does, that is looked for from the start again; the energy goes on.
-
-        Args:
-            w: (6,) contact, about the tip, base frame.
-            v, omega: (3,) of the tip.
-            dt: [s] since the last one.
-        """
-        sample, events = np.array([w, [*v, *omega]]), (self._turns, self._presses)
-        found = Oscillation(observe(sample, dt, self._smooth, self._books, *events, self._expected))
+        """Return whether the contact, dt [s] later, oscillates; if so, look for it anew."""
+        sample = np.concatenate((w, v, omega)).reshape(2, 6)
+        found = observe(sample, dt, self._smooth, self._books, self._events, self._expected)
         if found:
-            self.look_again()
-        return found
+            self._look_again()
+        return Oscillation(found)
 
     @property
     def energy(self) -> float:
@@ -120,12 +108,9 @@ def _gap(Z: Impedance) -> float:
 
 @jit(f8(new_matrix, i8, f8, f8, f8, f8))
 def _lasted(events: Array, i: int, sign: float, now: float, gap: float, same: float) -> float:
-    """Take an event of axis i with a sign; return for how long [s] such have followed each other.
+    """Return for how long [s] events of axis i have followed each other, one of a sign being now.
 
-    Args:
-        events: turns or presses.
-        i, sign, now, gap: the event, its time, and the longest time until it [s].
-        same: 1 where the signs have to be the same, -1 where they have to differ.
+    They do within the time ``gap`` [s], with the same sign where ``same`` is 1, another where -1.
     """
     if now - events[_LAST, i] > gap or same * sign * events[_SIGN, i] < 0.0:
         events[_BEGAN, i], events[_COUNT, i] = now, 0.0
@@ -134,37 +119,34 @@ def _lasted(events: Array, i: int, sign: float, now: float, gap: float, same: fl
     return now - events[_BEGAN, i]
 
 
-@jit(i8(i8, f8, f8, vector, new_vector, new_matrix, new_matrix))
-def _of_axis(
-    i: int, force: float, swing: float, most: Array, books: Array, turns: Array, presses: Array
-) -> int:
-    """Return what the force of axis i does, whose part that swings is given."""
-    now, part, lasted = books[_TIME], i // 3, 0.0
-    ripple, gap = most[0], most[1]
+@jit(i8(i8, f8, f8, vector, new_vector, new_matrix))
+def _of_axis(i: int, f: float, swing: float, expected: Array, books: Array, events: Array) -> int:
+    """Return the Oscillation of axis i, whose force f has a part that swings."""
+    turns, presses = events[:_ROWS], events[_ROWS:]
+    now, part, found = books[_TIME], i // 3, 0
+    ripple, gap = expected[0], expected[1]
     gives = books[_POWER + part] > _GIVES * books[_SIZE + part]
-    counts = books[_SIZE + part] > ripple * _LEAST_SPEED[part] * _MEMORY
+    is_fed = gives and books[_SIZE + part] > ripple * _LEAST_SPEED[part] * _MEMORY
     if abs(swing) > ripple and swing * turns[_SIGN, i] <= 0.0:
         lasted = _lasted(turns, i, math.copysign(1.0, swing), now, _NEXT_TURN, -1.0)
-    found = 2 if lasted > _LONG and gives and counts else 0
-    if abs(force) < _FREE * ripple:
+        if lasted > _LONG and is_fed:
+            found = 2
+    if abs(f) < _FREE * ripple:
         presses[_IS_PRESSED, i] = 0.0
-    elif abs(force) > _PRESSED * ripple and presses[_IS_PRESSED, i] == 0.0:
+    elif abs(f) > _PRESSED * ripple and presses[_IS_PRESSED, i] == 0.0:
         presses[_IS_PRESSED, i] = 1.0
         is_quick = now - presses[_LAST, i] <= _NEXT_PRESS
-        lasted = _lasted(presses, i, math.copysign(1.0, force), now, gap, 1.0)
-        if lasted > _LONG and presses[_COUNT, i] >= _PRESSES:
-            if gives and counts:
-                found = 2
-            elif is_quick:
-                found = max(found, 1)
+        lasted = _lasted(presses, i, math.copysign(1.0, f), now, gap, 1.0)
+        if lasted > _LONG and presses[_COUNT, i] >= _PRESSES and (is_fed or is_quick):
+            found = max(found, 2 if is_fed else 1)
     return found
 
 
-@jit(i8(matrix, f8, new_matrix, new_vector, new_matrix, new_matrix, matrix))
+@jit(i8(matrix, f8, new_matrix, new_vector, new_matrix, matrix))
 def observe(
-    sample: Array, dt: float, smooth: Array, books: Array, turns: Array, presses: Array, most: Array
+    sample: Array, dt: float, smooth: Array, books: Array, events: Array, expected: Array
 ) -> int:
-    """Take one sample (2, 6), w and v; see :class:`ContactWatch`; return the Oscillation."""
+    """Return the Oscillation of a contact after one more sample (2, 6), w and v."""
     left, found = math.exp(-dt / _MEMORY), 0
     quick, slow = 1.0 - math.exp(-dt / _NOISE), 1.0 - math.exp(-dt / _MEAN)
     if books[_TIME] == 0.0:
@@ -173,15 +155,12 @@ def observe(
     smooth[:2] += quick * (sample - smooth[:2])
     smooth[2:] += slow * (sample - smooth[2:])
     swing = smooth[:2] - smooth[2:]
+    books[_POWER:] *= left
     for i in range(6):
         part = i // 3
         books[_ENERGY] -= sample[0, i] * sample[1, i] * dt
         given = -swing[0, i] * swing[1, i] * dt
-        if i % 3 == 0:
-            books[_POWER + part] *= left
-            books[_SIZE + part] *= left
         books[_POWER + part] += given
         books[_SIZE + part] += abs(given)
-        does = _of_axis(i, smooth[0, i], swing[0, i], most[part], books, turns, presses)
-        found = max(found, does)
+        found = max(found, _of_axis(i, smooth[0, i], swing[0, i], expected[part], books, events))
     return found

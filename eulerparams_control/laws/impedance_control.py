@@ -91,12 +91,11 @@ class ImpedanceControl(Scheme):
             if parameters.commands_joints
             else NoMotionLoop(robot, parameters)
         )
-        options = parameters.wrench_options(robot)
-        self.chain = chain or WrenchChain(options)
-        self.chain.replace_options(options)
+        self.chain = chain or WrenchChain(robot, parameters)
+        self.chain.change(parameters)
         self.compliant = CompliantFrame(self.law, parameters.stiffness_energy)
-        self.contact = ContactWatch(*self._expected)
-        self.force = ForceControl(parameters.force_options(self.law))
+        self.contact = ContactWatch(parameters)
+        self.force = ForceControl(parameters)
         self.damping, self._free = 1.0, 0.0
         self._blend = Blend(_BLEND_TIME, 6)  # to a wrench that is made otherwise
         self._fade = Blend(_BLEND_TIME, 6)  # of h, to and from no wrench
@@ -104,12 +103,6 @@ class ImpedanceControl(Scheme):
         self.is_frozen, self.loop_rate = True, self.motion.loop_rate
         self._balance = _NO_WRENCH  # the contact at the last restart
         self.reset(np.zeros(robot.n))
-
-    @property
-    def _expected(self) -> tuple[Any, ...]:
-        """What the :class:`ContactWatch` expects."""
-        p, law = self.parameters, self.law
-        return p.max_ripple_force, p.max_ripple_torque, law.translation, law.rotation
 
     @property
     def bounds(self) -> Bounds:
@@ -155,10 +148,10 @@ class ImpedanceControl(Scheme):
             ConfigurationError: if they are impossible, or force_axes change while a force acts.
         """
         robot, law = self.robot, parameters.compliance_law(self.robot)
-        centre, force = parameters.centre(robot), parameters.force_options(law)
-        wrench, now = parameters.wrench_options(robot), self.compliant.law_now
+        centre, now = parameters.centre(robot), self.compliant.law_now
         kept = replace(now, orientation=law.orientation, frame=law.frame, bounds=law.bounds)
-        if self.force.is_on and force.axes != self.force.options.axes:
+        is_same = np.array_equal(parameters.force_selection(), self.force.selection)
+        if self.force.is_on and not is_same:
             raise ConfigurationError("force_axes cannot change while target_wrench is followed")
         self.motion.change(parameters)
         self.loop_rate = self.motion.loop_rate
@@ -168,9 +161,10 @@ class ImpedanceControl(Scheme):
         if law.orientation != self.law.orientation:
             self._x_de = None  # it means nothing to another representation
         self.parameters, self.law, self.centre = parameters, law, centre
-        self.contact.expect(*self._expected)
-        self.force.options, self.damping = force, 1.0
-        self.chain.replace_options(wrench)
+        self.contact.expect(parameters)
+        self.force.change(parameters)
+        self.chain.change(parameters)
+        self.damping = 1.0
         self._blend.replace(self._w)
 
     def change_impedance(self, law: ComplianceLaw) -> None:
@@ -322,8 +316,8 @@ class ImpedanceControl(Scheme):
             self.chain.reset()
             w = _NO_WRENCH
         else:
-            a, options = None, self.chain.options
-            if options.inertial and options.tool and dq_before is not None and dt > 0.0:
+            a = None
+            if self.chain.tool is not None and dq_before is not None and dt > 0.0:
                 a = arm.J @ ((arm.dq - dq_before) / dt) + state.dJ_dq
             w = self.chain.contact(self._sensed, arm, a, dt)
             _refuse_contact(self.chain.force, p.max_contact_force, "N", "max_contact_force")
@@ -403,9 +397,8 @@ class ImpedanceControl(Scheme):
         actual, before = self._actual(arm), frame.now
         assert before is not None
         drive, rate = self.force.drive(dt, actual, before, desired, w, self.damping)
-        in_base = self.law.frame == "base"
-        freed = partial(self.force.freed, desired.R_d, rate, in_base=in_base)
-        now = frame.step(dt, desired, drive, freed, rate)
+        R = actual.R_d if self.law.frame == "base" else desired.R_d.T @ actual.R_d
+        now = frame.step(dt, desired, drive, partial(self.force.freed, R, rate), rate)
         self._reach = norm(now.p_d - desired.p_d)
         return now
 

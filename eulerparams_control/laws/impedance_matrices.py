@@ -69,6 +69,11 @@ class Impedance:
         return float(np.linalg.eigvalsh(self.M)[0])
 
     @property
+    def greatest_mass(self) -> float:
+        """The largest eigenvalue of M."""
+        return float(np.linalg.eigvalsh(self.M)[-1])
+
+    @property
     def least_damping(self) -> float:
         """The least eigenvalue [1/s] of M^-1 D."""
         return float(np.linalg.eigvals(self.values.M_inverse @ self.D).real.min())

@@ -9,10 +9,10 @@ import numpy as np
 from eulerparams_control.errors import ConfigurationError, RobotError
 from eulerparams_control.laws.compliant_frame import TRANSLATIONAL_FRAMES, ComplianceLaw
 from eulerparams_control.laws.contact_bound import damping_for, stiffest_contact
-from eulerparams_control.laws.force_control import ForceOptions
 from eulerparams_control.laws.impedance_control import ImpedanceControl
 from eulerparams_control.laws.impedance_matrices import Impedance, impedance_of
-from eulerparams_control.laws.wrench import WrenchChain, WrenchOptions
+from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.wrench import WrenchChain
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.common import LATEST, NO_COMMANDS, PAIRINGS
 from eulerparams_control.parameters.efforts import ResolvedParameters, require_size
@@ -245,20 +245,16 @@ class ImpedanceParameters(
         except RobotError as error:
             raise ConfigurationError(f"compliance_frame: {error}") from error
 
-    def wrench_options(self, robot: Robot) -> WrenchOptions:
-        """Return how the contact is made of what the sensor says; raises ConfigurationError."""
-        gravity = tuple(robot.gravity.tolist())
-        return WrenchOptions(
-            self.wrench_sign,
-            self.wrench_bias,
-            self.body("sensed") or self.tool(),
-            gravity,
-            self.compensate_tool_weight,
-            self.compensate_tool_inertia,
-            self.force_dead_band,
-            self.torque_dead_band,
-            self.wrench_cutoff,
-        )
+    def sensor(self) -> tuple[Array, Tool | None]:
+        """Return the bias (6,) of the sensor, after its sign, and the tool beyond it, or None.
+
+        Raises:
+            ConfigurationError: if the sign, the bias or the numbers of the tool are impossible.
+        """
+        if self.wrench_sign not in (1, -1):
+            raise ConfigurationError(f"wrench_sign is {self.wrench_sign}; expected 1 or -1")
+        require_size("wrench_bias", self.wrench_bias, 6)
+        return np.array(self.wrench_bias, dtype=float), self.body("sensed") or self.tool()
 
     def compliance_law(self, robot: Robot) -> ComplianceLaw:
         """Return the impedance equations for a robot; raises ConfigurationError."""
@@ -274,16 +270,19 @@ class ImpedanceParameters(
             ),
         )
         self._refuse_late(law.translation)
-        tool = self.wrench_options(robot).tool
+        _, tool = self.sensor()
         if tool is not None:
             self._refuse_tool(tool, law)
         return law
 
-    def force_options(self, compliance: ComplianceLaw) -> ForceOptions:
-        """Return how a force is exerted; raises ConfigurationError."""
-        heaviest = float(np.linalg.eigvalsh(compliance.translation.M)[-1])
-        limits = self.max_approach_speed, self.stiffest_contact
-        return ForceOptions(self.force_axes, self.force_bandwidth, *limits, heaviest)
+    def force_selection(self) -> Array:
+        """Return (3,) 1 for each of x, y, z in force_axes, else 0; raises ConfigurationError."""
+        axes = self.force_axes
+        if not set(axes) <= {"x", "y", "z"} or len(set(axes)) != len(axes):
+            raise ConfigurationError(
+                f"force_axes is {list(axes)}; expected some of x, y, z, each once at most"
+            )
+        return np.array([float(axis in axes) for axis in "xyz"])
 
     def advice(self) -> str:
         """Return what is to be said of an impedance that is possible, but weak; "" if nothing."""
@@ -312,11 +311,11 @@ class ImpedanceParameters(
             return
         most = stiffest_contact(Z, lag, delay)
         if most < stiffness:
-            heaviest = float(np.linalg.eigvalsh(Z.M)[-1])
+            damping = damping_for(stiffness, Z.greatest_mass, lag, delay)
             raise ConfigurationError(
                 f"with servo_lag {lag:g} s and servo_delay {delay:g} s this impedance is stable on "
                 f"contacts of up to {most:.3g} N/m; expected stiffest_contact {stiffness:g} N/m: "
-                f"give D_p of {damping_for(stiffness, heaviest, lag, delay):.3g} Ns/m or more, or "
+                f"give D_p of {damping:.3g} Ns/m or more, or "
                 "lower stiffest_contact"
             )
 

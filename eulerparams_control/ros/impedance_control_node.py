@@ -118,7 +118,7 @@ class ImpedanceControlNode(ControlNode):
         if self._robot is not None and (advice := self._params.advice()):
             self._health.complain(advice, about="impedance")
         if self._robot is not None:
-            self._contact.expect(self._params.wrench_options(self._robot))
+            self._contact.expect(self._robot, self._params)
         return result
 
     # --- the wrench --------------------------------------------------------------------
@@ -210,7 +210,7 @@ class ImpedanceControlNode(ControlNode):
         if sensed is None:
             self._contact.wrenches.clear()
         elif is_new:
-            self._contact.wrenches.add(sensed, q, dq)
+            self._contact.wrenches.append((sensed, q, dq))
 
     def review(self, controller: Controller, stamp: Any) -> None:
         """Publish the impedance; say what is wrong with the wrench, or with the contact."""
@@ -247,7 +247,7 @@ class ImpedanceControlNode(ControlNode):
             return f"{self._sensor.trouble.note} (topic {self._wrench.topic_name})"
         waits = self._input.repeats and self._sensor.repeats  # a simulator, for its answer
         topic = self._wrench.topic_name
-        return self._contact.refusal(self._params, self._robot, topic, waits=waits)
+        return self._contact.refusal(self._params, topic, waits=waits)
 
     def _on_tare(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Take the mean of the last samples for no contact."""
@@ -270,7 +270,7 @@ class ImpedanceControlNode(ControlNode):
     def values_now(self) -> dict[str, str | int | float]:
         """Return the contact that is felt while the arm is held, or not yet controlled."""
         is_moved = self._controller is not None and not self._controller.fault
-        return {} if is_moved or self._robot is None else self._contact.values(self._robot)
+        return {} if is_moved or self._robot is None else self._contact.values()
 
     def stiffness_of(self, tick: Tick) -> Stiffness | None:
         """Return K_p at the centre of compliance; None while there is no compliant frame."""

@@ -1,11 +1,13 @@
 """The contact that is felt while the arm is at rest: it refuses activation, and is tared."""
 
+from collections import deque
+
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.impedance_control import ImpedanceControl
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.laws.wrench import RestingWrench, WrenchChain, WrenchOptions
+from eulerparams_control.laws.wrench import RestingSample, WrenchChain, is_still, mean_felt
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
 
@@ -20,26 +22,27 @@ class RestingContact:
         size: how many wrenches are kept.
 
     Attributes:
-        chain: from the sensor to the contact.
-        wrenches: the last ones.
+        chain: from the sensor to the contact; None until the robot is known.
+        wrenches: the last ones, each with the state of the arm.
     """
 
     def __init__(self, size: int) -> None:
-        self.chain, self.wrenches = WrenchChain(WrenchOptions()), RestingWrench(size)
+        self.chain: WrenchChain | None = None
+        self.wrenches: deque[RestingSample] = deque(maxlen=size)
 
-    def expect(self, options: WrenchOptions) -> None:
+    def expect(self, robot: Robot, parameters: ImpedanceParameters) -> None:
         """Begin with a sensor that was not tared."""
-        self.chain = WrenchChain(options)
+        self.chain = WrenchChain(robot, parameters)
         self.wrenches.clear()
 
-    def refusal(self, p: ImpedanceParameters, robot: Robot, topic: str, *, waits: bool) -> str:
+    def refusal(self, p: ImpedanceParameters, topic: str, *, waits: bool) -> str:
         """Return why the arm must not be controlled yet; "" if it may.
 
         ``waits``: whether a simulator waits for its answer, so that no more wrenches come.
         """
-        if self.wrenches.count < (1 if waits else min(_FEW, p.tare_samples)):
+        if len(self.wrenches) < (1 if waits else min(_FEW, p.tare_samples)):
             return f"waiting for {_FEW} wrenches on {topic}"
-        force, torque = self._felt(robot)
+        force, torque = self._felt()
         if force <= p.max_activation_force and torque <= p.max_activation_torque:
             return ""
         return (
@@ -48,12 +51,13 @@ class RestingContact:
             "from what it touches, or call ~/tare if it touches nothing"
         )
 
-    def _felt(self, robot: Robot) -> tuple[float, float]:
-        return norms(self.wrenches.mean(self.chain, robot, _FEW) - self.chain.tared)
+    def _felt(self) -> tuple[float, float]:
+        assert self.chain is not None
+        return norms(mean_felt(self.chain, [*self.wrenches][-_FEW:]) - self.chain.tared)
 
-    def values(self, robot: Robot) -> dict[str, str | int | float]:
+    def values(self) -> dict[str, str | int | float]:
         """Return what /diagnostics shows of it."""
-        felt = self._felt(robot) if self.wrenches.count else ("unknown", "unknown")
+        felt = self._felt() if self.wrenches else ("unknown", "unknown")
         return dict(zip(("contact force [N]", "contact moment [Nm]"), felt, strict=True))
 
     def tare(
@@ -67,19 +71,19 @@ class RestingContact:
         Raises:
             ConfigurationError: if they are too few, the arm moves, or touches something.
         """
-        wrenches = self.wrenches
-        if robot is None or wrenches.count < p.tare_samples:
+        chain, wrenches = self.chain, self.wrenches
+        if robot is None or chain is None or len(wrenches) < p.tare_samples:
             raise ConfigurationError(
-                f"{p.tare_samples - wrenches.count} more valid wrenches are needed, "
+                f"{p.tare_samples - len(wrenches)} more valid wrenches are needed, "
                 f"{p.tare_samples} in all (tare_samples)"
             )
-        if not wrenches.is_still:
+        if not is_still(wrenches):
             raise ConfigurationError("the arm moves; hold it still")
-        felt = wrenches.mean(self.chain, robot)
+        felt, spread = mean_felt(chain, wrenches), np.std([w for (w, _), _, _ in wrenches], axis=0)
         if scheme is None:
-            self.chain.tare(felt)
-            return felt, wrenches.spread()
-        force, torque = norms(felt - self.chain.tared)
+            chain.tare(felt)
+            return felt, spread
+        force, torque = norms(felt - chain.tared)
         if force > p.max_activation_force or torque > p.max_activation_torque:
             raise ConfigurationError(
                 f"{force:.3g} N and {torque:.3g} Nm are felt while the arm is controlled, more "
@@ -87,7 +91,7 @@ class RestingContact:
                 "Deactivate first if it does not"
             )
         scheme.tare(felt)
-        return felt, wrenches.spread()
+        return felt, spread
 
 
 def norms(w: Array) -> tuple[float, float]:

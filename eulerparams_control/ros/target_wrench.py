@@ -144,15 +144,14 @@ def _force(msg: Any, scheme: Scheme, q: Array, R_d: Array) -> Array:
 
 def _regulated(scheme: ImpedanceControl, f: Array) -> Array:
     """Return a force (3,) [N] along the axes of the compliance, of which some are force axes."""
-    parameters, options = scheme.parameters, scheme.force.options
+    parameters, on = scheme.parameters, scheme.force.selection
     size = float(np.linalg.norm(f))
     if not parameters.inner_loop:
         raise InvalidMessageError("target_wrench needs the motion loop: set inner_loop: true")
-    on = options.are_on
     if np.linalg.norm((1.0 - on) * f) > _ACROSS * size:
         raise InvalidMessageError(
             f"target_wrench is {f.tolist()} N along x, y, z of the compliance; expected a force "
-            f"along force_axes {list(options.axes)}"
+            f"along force_axes {list(parameters.force_axes)}"
         )
     most = parameters.max_contact_force
     if size > most:

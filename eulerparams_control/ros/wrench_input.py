@@ -81,7 +81,7 @@ class WrenchInput:
         self._is_new = False
         self._gaps: deque[tuple[float, float, int]] = deque(maxlen=_GAPS)
         self._count = 0
-        self._stuck: StuckSensor | None = None
+        self._stuck = StuckSensor()
         self.trouble = lost("no valid wrench yet; is the force/torque sensor running?")
 
     def set_back(self) -> None:
@@ -182,8 +182,7 @@ class WrenchInput:
             return False
         is_stuck = self.trouble.cause is Cause.WRENCH_STUCK
         if is_new and not self._time.is_simulated:  # what is simulated may repeat itself
-            self._stuck = self._stuck or StuckSensor(limits)
-            is_stuck = self._stuck.update(self._last.w, q, steady.now())
+            is_stuck = self._stuck.update(self._last.w, q, steady.now(), limits)
         if self._is_too_rare(t):
             if self.trouble.cause is not Cause.WRENCH_RATE_TOO_LOW:  # one text, though it varies
                 self.trouble = too_rare(*self._rate(), self._timeout)
