@@ -106,13 +106,10 @@ def _gap(Z: Impedance) -> float:
     return max(_NEXT_PRESS, math.tau / math.sqrt(max(slowest, longest)))
 
 
-@jit(f8(new_matrix, i8, f8, f8, f8, f8))
-def _lasted(events: Array, i: int, sign: float, now: float, gap: float, same: float) -> float:
-    """Return for how long [s] events of axis i have followed each other, one of a sign being now.
-
-    They do within the time ``gap`` [s], with the same sign where ``same`` is 1, another where -1.
-    """
-    if now - events[_LAST, i] > gap or same * sign * events[_SIGN, i] < 0.0:
+@jit(f8(new_matrix, i8, f8, f8, f8))
+def _lasted(events: Array, i: int, sign: float, now: float, gap: float) -> float:
+    """Return for how long [s] events of axis i have come within a gap each, one of a sign now."""
+    if now - events[_LAST, i] > gap:
         events[_BEGAN, i], events[_COUNT, i] = now, 0.0
     events[_SIGN, i], events[_LAST, i] = sign, now
     events[_COUNT, i] += 1.0
@@ -128,15 +125,17 @@ def _of_axis(i: int, f: float, swing: float, expected: Array, books: Array, even
     gives = books[_POWER + part] > _GIVES * books[_SIZE + part]
     is_fed = gives and books[_SIZE + part] > ripple * _LEAST_SPEED[part] * _MEMORY
     if abs(swing) > ripple and swing * turns[_SIGN, i] <= 0.0:
-        lasted = _lasted(turns, i, math.copysign(1.0, swing), now, _NEXT_TURN, -1.0)
+        lasted = _lasted(turns, i, math.copysign(1.0, swing), now, _NEXT_TURN)
         if lasted > _LONG and is_fed:
             found = 2
     if abs(f) < _FREE * ripple:
         presses[_IS_PRESSED, i] = 0.0
     elif abs(f) > _PRESSED * ripple and presses[_IS_PRESSED, i] == 0.0:
         presses[_IS_PRESSED, i] = 1.0
+        if f * presses[_SIGN, i] < 0.0:  # it is pressed from the other side
+            gap = 0.0
         is_quick = now - presses[_LAST, i] <= _NEXT_PRESS
-        lasted = _lasted(presses, i, math.copysign(1.0, f), now, gap, 1.0)
+        lasted = _lasted(presses, i, math.copysign(1.0, f), now, gap)
         if lasted > _LONG and presses[_COUNT, i] >= _PRESSES and (is_fed or is_quick):
             found = max(found, 2 if is_fed else 1)
     return found

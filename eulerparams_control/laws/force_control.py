@@ -87,9 +87,6 @@ class ForceControl:
         stiffness: (3,) [N/m] of the contact as learned; NaN where there is no contact.
         swing: (3,) [N] by which what is asked for is off its slow mean, base frame.
         ahead: (3,) [N] by which what is exerted is to change until the next tick, base frame.
-
-    Raises:
-        ConfigurationError: if the axes are impossible.
     """
 
     def __init__(self, parameters: "ImpedanceParameters") -> None:
@@ -289,8 +286,8 @@ class _Contact:
 
     def learn(self, x: float, f: float, g: float, left: float, K_max: float, dt: float) -> None:
         """Learn K of the changes x, f, g of f_d; ``left`` is the part of f_d that is missing."""
-        cause, by_cause, T = (g, g, _LATER) if self.is_reached else (x, self.K * x, _FIRST)
-        weight = by_cause * by_cause / (by_cause * by_cause + _NOISE**2)
+        cause, size, T = (g, g, _LATER) if self.is_reached else (x, self.K * x, _FIRST)
+        weight = size * size / (size * size + _NOISE**2)
         stays = math.exp(-weight * dt / T)
         self.S_x = S_x = stays * self.S_x + weight * cause * x * dt
         self.S_f = S_f = stays * self.S_f + weight * cause * f * dt

@@ -49,9 +49,6 @@ class WrenchChain:
         tool: beyond the sensor; None if there is no tool.
         tared: (6,) w_t without contact, see :meth:`tare`.
         force, moment: sizes [N], [Nm] of the last contact.
-
-    Raises:
-        ConfigurationError: if sign or bias of the sensor, or its tool, are impossible.
     """
 
     def __init__(self, robot: Robot, parameters: "ImpedanceParameters") -> None:
