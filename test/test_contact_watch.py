@@ -157,7 +157,7 @@ def test_a_stiffness_that_a_program_swings_in_contact_is_no_chatter(loop):
     for k in range(3000):
         if k % 20 == 0:
             K = 2550 - 2450 * math.cos(math.tau * 2 * k * DT)
-            arm.scheme.change_impedance(ImpedanceParameters(K_p=(K,) * 3).compliance_law(UR5))
+            arm.scheme.change_impedance(ImpedanceParameters(K_p=(K,) * 3).compliance_law())
         moves = k * DT * 0.05 < 0.02
         arm.step(wall(1e4), min(k * DT * 0.05, 0.02), 0.05 if moves else 0.0)
         assert arm.scheme.compliant.energy_left > 0.1
@@ -258,9 +258,9 @@ def test_an_impedance_that_is_too_fast_for_a_late_servo_is_refused_with_what_it_
     late = {"servo_lag": 0.04, "servo_delay": 0.01}
     damped, soft = {"D_p": (2600.0,) * 3}, {"D_p": (100.0,) * 3}
     with pytest.raises(ConfigurationError, match="stable on contacts of up") as no:
-        ImpedanceParameters(**late, **soft).compliance_law(UR5)
+        ImpedanceParameters(**late, **soft).compliance_law()
     expected = "up to 1.46e+03 N/m; expected stiffest_contact 100000 N/m: give D_p of 2.59e+03"
     assert expected in str(no.value)
     for possible in (late | damped, late | soft | {"stiffest_contact": 1.4e3}, soft):
-        ImpedanceParameters(**possible).compliance_law(UR5)
+        ImpedanceParameters(**possible).compliance_law()
     assert stiffest_contact(ImpedanceParameters().translation(), 0.0, 0.0) == math.inf

@@ -437,7 +437,7 @@ TURNED_AXES = tuple(rodrigues(1.1, np.array([0.48, 0.6, 0.64])).T.ravel().tolist
 def test_a_stiffness_of_turned_axes_may_be_sent_again_while_it_is_gone_over_to():
     scheme = admittance(K_o_axes=TURNED_AXES)
     lead(scheme, NO_WRENCH, 0.1)
-    other = parameters(K_o_axes=TURNED_AXES, K_o=(30.0, 70.0, 110.0)).compliance_law(UR5)
+    other = parameters(K_o_axes=TURNED_AXES, K_o=(30.0, 70.0, 110.0)).compliance_law()
     for _ in range(60):  # until nothing is left of the change but its rounding
         scheme.change_impedance(other)
         lead(scheme, NO_WRENCH, 0.02, dt=0.02)
@@ -448,7 +448,7 @@ def test_a_stop_in_the_midst_of_a_change_with_more_damping_holds_the_tip():
     scheme = admittance(K_o_axes=TURNED_AXES)
     lead(scheme, NO_WRENCH, 0.1)
     scheme._damp(3.0)
-    other = parameters(K_o_axes=TURNED_AXES, K_o=(30.0, 70.0, 110.0)).compliance_law(UR5)
+    other = parameters(K_o_axes=TURNED_AXES, K_o=(30.0, 70.0, 110.0)).compliance_law()
     scheme.change_impedance(other)
     for _ in range(35):
         lead(scheme, NO_WRENCH, 0.02, dt=0.02)

@@ -85,7 +85,7 @@ class ImpedanceControl(Scheme):
         self, robot: Robot, parameters: "ImpedanceParameters", chain: WrenchChain | None = None
     ) -> None:
         self.robot, self.parameters = robot, parameters
-        self.law, self.centre = parameters.compliance_law(robot), parameters.centre(robot)
+        self.law, self.centre = parameters.compliance_law(), parameters.centre(robot)
         self.motion: DynamicControl | NoMotionLoop = (
             DynamicControl(robot, parameters)
             if parameters.commands_joints
@@ -147,8 +147,8 @@ class ImpedanceControl(Scheme):
         Raises:
             ConfigurationError: if they are impossible, or force_axes change while a force acts.
         """
-        robot, law = self.robot, parameters.compliance_law(self.robot)
-        centre, now = parameters.centre(robot), self.compliant.law_now
+        law, centre = parameters.compliance_law(), parameters.centre(self.robot)
+        now = self.compliant.law_now
         kept = replace(now, orientation=law.orientation, frame=law.frame, bounds=law.bounds)
         is_same = np.array_equal(parameters.force_selection(), self.force.selection)
         if self.force.is_on and not is_same:

@@ -256,8 +256,8 @@ class ImpedanceParameters(
         require_size("wrench_bias", self.wrench_bias, 6)
         return np.array(self.wrench_bias, dtype=float), self.body("sensed") or self.tool()
 
-    def compliance_law(self, robot: Robot) -> ComplianceLaw:
-        """Return the impedance equations for a robot; raises ConfigurationError."""
+    def compliance_law(self) -> ComplianceLaw:
+        """Return the impedance equations; raises ConfigurationError."""
         law = ComplianceLaw(
             self.representation(),
             self.translation(),
@@ -296,12 +296,7 @@ class ImpedanceParameters(
         )
 
     def make_scheme(self, robot: Robot, chain: WrenchChain | None = None) -> ImpedanceControl:
-        """Return impedance control for a robot; raises ConfigurationError.
-
-        Args:
-            robot: the arm.
-            chain: that makes the contact of what is sensed; None: a new one.
-        """
+        """Return impedance control for a robot, with the tare of a chain that is in use."""
         return ImpedanceControl(robot, self, chain)
 
     def _refuse_late(self, Z: Impedance) -> None:
@@ -315,8 +310,7 @@ class ImpedanceParameters(
             raise ConfigurationError(
                 f"with servo_lag {lag:g} s and servo_delay {delay:g} s this impedance is stable on "
                 f"contacts of up to {most:.3g} N/m; expected stiffest_contact {stiffness:g} N/m: "
-                f"give D_p of {damping:.3g} Ns/m or more, or "
-                "lower stiffest_contact"
+                f"give D_p of {damping:.3g} Ns/m or more, or lower stiffest_contact"
             )
 
     def _refuse_tool(self, tool: Tool, compliance: ComplianceLaw) -> None:

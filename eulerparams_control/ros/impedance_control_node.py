@@ -95,7 +95,7 @@ class ImpedanceControlNode(ControlNode):
         self._leaders.refuse_overtaken("target_stiffness", msg)
         wanted = replace(p, K_p=tuple(K_p.tolist()), K_o=tuple(K_o.tolist()))
         try:
-            compliance = wanted.compliance_law(robot)
+            compliance = wanted.compliance_law()
             assert isinstance(controller.scheme, ImpedanceControl)
             controller.scheme.change_impedance(compliance)
         except ConfigurationError as error:
