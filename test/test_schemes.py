@@ -34,8 +34,7 @@ def test_its_interface_is_that_of_its_experiment(scheme):
 
 
 def test_its_node_is_an_executable_that_has_its_parameters(scheme):
-    assert executables()[scheme.name] == scheme.node
-    module = importlib.import_module(scheme.node)
+    module = importlib.import_module(executables()[scheme.name])
     classes = [each for each in vars(module).values() if isinstance(each, type)]
     nodes = [each for each in classes if issubclass(each, ControlNode)]
     assert scheme.parameters in [node.parameters_type for node in nodes]

@@ -26,9 +26,6 @@ from eulerparams_control.parameters.real_time import RealTimeParameters
 from eulerparams_control.parameters.schemes import SchemeInfo
 from eulerparams_control.robot.robot import Robot
 
-COMMAND_TYPES = ("joint_state", "joint_trajectory", "forward")
-"""Message types of the command; see :class:`eulerparams_control.ros.commands.CommandPublisher`."""
-
 NO_COMMANDS = "none"
 """Instead of a message type: nothing is commanded."""
 
@@ -139,7 +136,9 @@ class ControlParameters(RealTimeParameters):
         live=True,
     )
     command_type: str = parameter(
-        "joint_state", "message type of the command", choices=COMMAND_TYPES
+        "joint_state",
+        "message type of the command",
+        choices=("joint_state", "joint_trajectory", "forward"),
     )
     state_timeout: float = parameter(
         0.1, "gap of joint_states that ends commands", unit="s", bounds=(0.001, 60.0)

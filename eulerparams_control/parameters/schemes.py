@@ -1,16 +1,14 @@
-"""The control schemes by name: what each takes, gives and is told.
+"""The control schemes by name: their topics, commands and parameters.
 
 A scheme is registered by its dataclass of parameters, where that is defined:
 
     @dataclass(frozen=True)
     class ClikParameters(ControlParameters, scheme="clik", control=POSITION): ...
 
-A module of ``parameters`` or of ``laws`` is found by being there, and so is the node of a scheme,
-``ros/NAME_node.py``.
+and listed here; its node is ``ros/NAME_node.py``.
 """
 
 import importlib
-import pkgutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -21,7 +19,7 @@ POSITION, TORQUE = "position", "torque"
 COMMANDS = {POSITION: "joint_reference", TORQUE: "joint_effort"}
 """The topic of the commands to a robot, by what it takes them for."""
 
-_ROOMS = ("eulerparams_control.parameters", "eulerparams_control.laws")
+_NAMES = ("clik", "compliance_control", "dynamic_control", "impedance_control")
 _REGISTRY: dict[str, "SchemeInfo"] = {}
 
 
@@ -56,16 +54,10 @@ class SchemeInfo:
         """The topics between the robot, what leads it, and the scheme; the command last."""
         return ("joint_states", *self.inputs, "reference", self.command)
 
-    @property
-    def node(self) -> str:
-        """The module of its node."""
-        return f"eulerparams_control.ros.{self.name}_node"
-
 
 @cache
 def schemes() -> Mapping[str, SchemeInfo]:
-    """Return all schemes, sorted by name, whichever was imported first."""
-    for room in map(importlib.import_module, _ROOMS):
-        for module in pkgutil.iter_modules(room.__path__, f"{room.__name__}."):
-            importlib.import_module(module.name)
-    return MappingProxyType(dict(sorted(_REGISTRY.items())))
+    """Return all schemes, sorted by name."""
+    for name in _NAMES:
+        importlib.import_module(f"eulerparams_control.parameters.{name}")
+    return MappingProxyType({name: _REGISTRY[name] for name in _NAMES})
