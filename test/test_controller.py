@@ -195,6 +195,10 @@ def test_a_goal_out_of_reach_is_gone_to_without_swinging(way):
     assert running.fault == ""
 
 
+def slower(limits, **others):
+    return replace(limits, velocity=0.02 * limits.velocity, **others)
+
+
 def test_an_arm_under_efforts_whose_speed_limits_are_lowered_does_not_run_away():
     plant, scheme, goal = Plant(), dynamic_control(), moved(0.2)
     running = Controller(scheme, ControllerOptions(), HOME)
@@ -202,7 +206,7 @@ def test_an_arm_under_efforts_whose_speed_limits_are_lowered_does_not_run_away()
     speeds = []
     for step in range(2000):
         if step == 600:
-            low = replace(scheme.limits.scaled(0.02), acceleration=np.full(6, 10.0))
+            low = slower(scheme.limits, acceleration=np.full(6, 10.0))
             scheme.bound(low)
             running.changed(ControllerOptions())
             assert np.abs(plant.dq).max() > 2 * 1.5 * low.velocity.max()
@@ -226,7 +230,7 @@ def test_speed_limits_that_are_lowered_in_motion_are_come_to_within_the_accelera
     running.orders.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None)
     for step in range(1800 // dt):
         if step == 700 // dt:
-            running.scheme.bound(running.scheme.limits.scaled(0.02))
+            running.scheme.bound(slower(running.scheme.limits))
             running.changed(options)
             assert np.abs(commands[-1].dq).max() > 0.1
         last = commands[-1]

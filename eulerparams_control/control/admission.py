@@ -306,7 +306,7 @@ class Admission:
                 f"the joint {robot.joints[i]} moves at {dq[i]:.3g} rad/s, more than "
                 f"{_MOST_SPEED:g} times its limit"
             )
-        way = robot.limits.deviation(q, self._last[judge.Q])[i]
+        way = abs(robot.limits.difference(q, self._last[judge.Q])[i])
         self.conflicts.append(at.seconds)
         raise InvalidMessageError(
             f"the joint {robot.joints[i]} jumps by {way:.3g} rad within {dt:g} s"

@@ -80,8 +80,6 @@ def held_gain(k: float, dt: float) -> float:
 
 def held_frame(desired: DesiredFrame, dt: float) -> DesiredFrame:
     """Return the frame with its mean velocities over the dt [s] for which a command is held."""
-    if dt == 0.0:
-        return desired
     return desired._replace(
         dp_d=desired.dp_d + (dt / 2.0) * desired.ddp_d,
         omega_d=desired.omega_d + (dt / 2.0) * desired.domega_d,
@@ -95,16 +93,8 @@ class Clik(Scheme):
     of the law to it, so q and dq belong to the same instant as the desired frame.  With
     ``feedback: measured`` the loop is closed on the measured q instead.
 
-    Args:
-        robot: the arm.
-        parameters: the gains, the representation, and the limits.
-
-    Attributes:
-        parameters: in force; see :meth:`change`.
-        orientation: the representation.
-        limits: of the joints; None if there are none.  Where there are, the limits of the tip
-            bound how fast an error is undone, and too large an error or deviation of the joints
-            stops the motion.
+    Where there are limits of the joints, those of the tip bound how fast an error is undone, and
+    too large an error or deviation of the joints stops the motion.
 
     Raises:
         ConfigurationError: if the posture has the wrong size.
@@ -121,18 +111,13 @@ class Clik(Scheme):
 
     def _take(self, parameters: "ClikParameters") -> None:
         posture, limits = parameters.posture_of(self.robot), parameters.limits(self.robot)
+        self._posture, self.limits, self._motion = posture, limits, parameters.motion_limits()
         self.parameters, self.orientation = parameters, parameters.representation()
-        self._posture, self.limits = posture, limits
-        self._motion = parameters.motion_limits() if self.limits else None
         self._inverse = parameters.inverse(self.robot)
         self.loop_rate = self.fastest_gain.rate
 
     def change(self, parameters: "ClikParameters") -> None:
-        """Go over to other parameters, without a jump of the command.
-
-        Raises:
-            ConfigurationError: if the posture has the wrong size.
-        """
+        """Go over to other parameters, without a jump of the command."""
         orientation, law = self.orientation, self._law
         self._take(parameters)
         if self.orientation != orientation:
@@ -159,11 +144,8 @@ class Clik(Scheme):
     def fastest_gain(self) -> LoopGain:
         """The gain of the faster error equation: dx_de + k x_de = 0, errors being small."""
         k_Pp, k_Po = self.parameters.k_Pp, self.parameters.k_Po
-        return max(
-            LoopGain("k_Pp", k_Pp, k_Pp),
-            LoopGain("k_Po", k_Po, k_Po * self.orientation.slope),
-            key=lambda gain: gain.rate,
-        )
+        gains = LoopGain("k_Pp", k_Pp, k_Pp), LoopGain("k_Po", k_Po, k_Po * self.orientation.slope)
+        return max(gains, key=lambda gain: gain.rate)
 
     def reset(self, q: Array) -> None:
         """Begin at the measured q (n,) with zero velocity."""
@@ -229,8 +211,8 @@ class Clik(Scheme):
         if not math.isfinite(q_c @ q_c):
             raise SingularityError("the joint velocities lead to infinite joint positions")
         if self.limits is not None:
-            deviation, bound = self.limits.deviation(q_c, q), self.parameters.max_deviation
-            i = int(deviation.argmax())
+            deviation = np.abs(self.limits.difference(q_c, q))
+            i, bound = int(deviation.argmax()), self.parameters.max_deviation
             if not deviation[i] <= bound:
                 raise FollowingError(
                     f"the joint {self.robot.joints[i]} is {deviation[i]:.3f} from its command; at "
@@ -242,7 +224,10 @@ class Clik(Scheme):
     def _velocity(self, dt: float, arm: RobotState, desired: DesiredFrame) -> tuple[Array, Any]:
         """Return dq (n,) of the law, for a command that is held for dt [s], and x_de."""
         k_Pp, k_Po = self._gains(dt, arm, desired)
-        dq_0, mean = self._to_posture(dt, arm.q), held_frame(desired, dt)
+        mean, dq_0 = held_frame(desired, dt), np.zeros(self.robot.n)
+        if self._posture is not None:
+            k = held_gain(self.parameters.k_posture, dt)
+            dq_0 = k * self.robot.limits.difference(self._posture, arm.q)
         return clik(arm, mean, self.orientation, self._x_de, k_Pp, k_Po, self._inverse, dq_0)
 
     def _gains(self, dt: float, arm: RobotState, desired: DesiredFrame) -> tuple[float, float]:
@@ -266,13 +251,6 @@ class Clik(Scheme):
             x_de = orientation.displacement(desired.R_d, arm.R_e, self._x_de)
             k_Po *= w / max(norm(orientation.velocity(x_de, np.zeros(3), k_Po)), w)
         return k_Pp, k_Po
-
-    def _to_posture(self, dt: float, q: Array) -> Array:
-        """Return the joint velocity (n,) towards the posture of a redundant arm."""
-        if self._posture is None:
-            return np.zeros(self.robot.n)
-        k = held_gain(self.parameters.k_posture, dt)
-        return k * self.robot.limits.difference(self._posture, q)
 
     def _slowed(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Array:
         """Return dq (n,) with which the tip, half a step later, is not beyond its speeds.

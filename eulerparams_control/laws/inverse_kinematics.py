@@ -35,6 +35,6 @@ def inverse_kinematics(robot: Robot, frame: DesiredFrame, q_start: Array) -> Arr
             f"no joint positions found for the tip at {frame.p_d.tolist()} m, turned by "
             f"{frame.R_d.tolist()}; is it within reach?"
         )
-    if not robot.limits.contain(q):
+    if not ((robot.limits.lower <= q) & (q <= robot.limits.upper)).all():
         raise RobotError(f"the pose is reached only outside the joint limits, at {q.tolist()}")
     return q

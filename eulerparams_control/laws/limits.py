@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from eulerparams_control.laws.jit import Array, b1, f8, i8, jit, matrix, new_vector, types, vector
+from eulerparams_control.laws.jit import Array, b1, f8, jit, matrix, new_vector, types, vector
 
 POSITION_RATE = 10.0
 """A joint approaches a position limit no faster than its distance times this [1/s]: without
@@ -35,20 +35,20 @@ _FULL_EFFORT_TIME, _LEAST_EFFORT_RATE = 0.02, 2000.0
 _TINY = 1e-300
 
 NONE: Array = np.empty(0)
-"""Velocities before, where there were none."""
+"""Stands for an array that there is not, where a primitive expects one."""
 
 _limited = types.Tuple((new_vector, b1))
 
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits of n joints; infinite where there is no limit.
+    """Limits of n joints, each (n,); infinite where there is no limit.
 
     Attributes:
-        lower, upper: (n,) positions [rad or m].
-        velocity: (n,) speeds [rad/s or m/s].
-        effort: (n,) efforts [Nm or N].
-        acceleration: (n,) [rad/s^2 or m/s^2]; positive.
+        lower, upper: positions [rad or m].
+        velocity: speeds [rad/s or m/s].
+        effort: [Nm or N].
+        acceleration: [rad/s^2 or m/s^2]; positive.
     """
 
     lower: Array
@@ -68,38 +68,26 @@ class JointLimits:
 
     @cached_property
     def without_accelerations(self) -> "JointLimits":
-        """The limits without those of the accelerations."""
+        """The limits of positions, speeds and efforts alone."""
         return replace(self, acceleration=np.array(math.inf))
 
     @property
     def effort_rate(self) -> Array:
-        """(n,) [Nm/s] at which efforts may change, if nothing else is said.
+        """(n,) [Nm/s] at which efforts may change, unless a parameter says otherwise.
 
         They get to their limits within 0.02 s, and no slower than at 2000 Nm/s.
         """
         rate: Array = np.maximum(self.effort / _FULL_EFFORT_TIME, _LEAST_EFFORT_RATE)
         return rate
 
-    def scaled(self, velocity_scale: float) -> "JointLimits":
-        """Return the limits with the speeds times ``velocity_scale``."""
-        return replace(self, velocity=velocity_scale * self.velocity)
-
     def fallen(self, before: "JointLimits", fall: Array) -> "JointLimits":
         """Return these limits, of the speeds no less than ``fall`` (n,) below those before."""
         velocity = np.fmax(self.velocity, before.velocity - fall)
         return self if (velocity == self.velocity).all() else replace(self, velocity=velocity)
 
-    def contain(self, q: Array) -> bool:
-        """Return whether the positions q (n,) are within the limits."""
-        return bool(((self.lower <= q) & (q <= self.upper)).all())
-
     def difference(self, q_c: Array, q: Array) -> Array:
         """Return q_c - q (n,) [rad or m]; modulo a turn where there are no position limits."""
-        return subtract(self.rows, q_c, q)
-
-    def deviation(self, q_c: Array, q: Array) -> Array:
-        """Return |q_c - q| (n,) [rad or m]; modulo a turn where there are no position limits."""
-        return np.abs(self.difference(q_c, q))
+        return _differences(self.rows, q_c, q)
 
     def integrated(self, q: Array, dq: Array, dt: float) -> Array:
         """Return q + dt dq (n,); motion outward beyond limits of positions is cut."""
@@ -112,16 +100,14 @@ class JointLimits:
         return float((np.abs(dq) / (_PLANNED * self.acceleration)).max(initial=0.0))
 
     def excess(self, dq: Array) -> float:
-        """Return by how much the velocities (n,) are beyond their limits; 1 if they are not."""
-        return excess(self.rows, dq)
+        """Return the largest ratio, >= 1, of the velocities (n,) to their limits."""
+        return _excess(self.rows, dq)
 
     def excess_after(self, dq: Array, ddq: Array) -> float:
         """Return ``excess`` of the velocities to which ddq (n,) leads from dq (n,)."""
-        return excess(self.rows, dq + ddq / _SPEED_RATE)
+        return _excess(self.rows, dq + ddq / _SPEED_RATE)
 
-    def limit_velocity(
-        self, q: Array, dq: Array, dt: float, before: Array = NONE
-    ) -> tuple[Array, bool]:
+    def limit_velocity(self, q: Array, dq: Array, dt: float, before: Array) -> tuple[Array, bool]:
         """Return dq within the limits, and whether it had to change.
 
         Too fast a motion is slowed as a whole, so that its direction is kept; too large a change
@@ -133,9 +119,9 @@ class JointLimits:
             q: (n,) positions now.
             dq: (n,) velocities wanted; finite.
             dt: time that dq will last [s]; positive.
-            before: (n,) velocities until now; NONE does not bound their change.
+            before: (n,) velocities until now.
         """
-        return limit_velocity(self.rows, q, dq, dt, before)
+        return _limit_velocity(self.rows, q, dq, dt, before)
 
     def limit_acceleration(
         self, q: Array, dq: Array, ddq: Array, dt: float, drift: Array | None = None
@@ -155,7 +141,7 @@ class JointLimits:
                 what is wanted against it does not count.
         """
         drift = np.zeros(len(ddq)) if drift is None else drift
-        return limit_acceleration(self.rows, q, dq, ddq, dt, drift)
+        return _limit_acceleration(self.rows, q, dq, ddq, dt, drift)
 
     def limit_effort(self, effort: Array) -> tuple[Array, bool]:
         """Return the efforts (n,) cut to their limits, and whether one had to be cut."""
@@ -243,14 +229,13 @@ def _strongest(room: float, dq: float, high: float, a: float, dt: float) -> floa
     return min(max(_rate(_SPEED_RATE, dt) * (high - dq), -max(a, needed)), a)
 
 
-# --- of n joints; ``limits`` are JointLimits.rows ---------------------------------------------
+# --- of n joints; ``limits`` are JointLimits.rows, the methods of the same name say more ---------
 
 _LOWER, _UPPER, _VELOCITY, _, _ACCELERATION = range(5)
 
 
 @jit(new_vector(matrix, vector, vector))
-def subtract(limits: Array, q_c: Array, q: Array) -> Array:
-    """See :meth:`JointLimits.difference`."""
+def _differences(limits: Array, q_c: Array, q: Array) -> Array:
     away = np.empty(len(q))
     for i in range(len(q)):
         away[i] = difference(q_c[i], q[i], math.isinf(limits[_UPPER, i]))
@@ -258,8 +243,7 @@ def subtract(limits: Array, q_c: Array, q: Array) -> Array:
 
 
 @jit(f8(matrix, vector))
-def excess(limits: Array, dq: Array) -> float:
-    """See :meth:`JointLimits.excess`."""
+def _excess(limits: Array, dq: Array) -> float:
     most = 1.0
     for i in range(len(dq)):
         if math.isnan(dq[i]):
@@ -269,41 +253,29 @@ def excess(limits: Array, dq: Array) -> float:
     return most
 
 
-@jit(types.UniTuple(f8, 2)(matrix, i8, f8, vector, f8))
-def _span(limits: Array, i: int, q: float, before: Array, dt: float) -> tuple[float, float]:
-    """Return the least and the largest velocity of joint i."""
-    a, up, down = limits[_ACCELERATION, i], -math.inf, -math.inf
-    if len(before) > 0:
-        up, down = before[i], -before[i]
-    low = -_fastest(q - limits[_LOWER, i], down, a, dt)
-    return low, _fastest(limits[_UPPER, i] - q, up, a, dt)
-
-
 @jit(_limited(matrix, vector, vector, f8, vector))
-def limit_velocity(
+def _limit_velocity(
     limits: Array, q: Array, dq: Array, dt: float, before: Array
 ) -> tuple[Array, bool]:
-    """See :meth:`JointLimits.limit_velocity`."""
-    slowed, shortened, changed, limited = excess(limits, dq), 1.0, False, np.empty(len(q))
+    slowed, shortened, changed = _excess(limits, dq), 1.0, False
+    limited, low, high = np.empty(len(q)), np.empty(len(q)), np.empty(len(q))
     for i in range(len(q)):
-        low, high = _span(limits, i, q[i], before, dt)
-        limited[i] = clip(dq[i] / slowed, low, high)
-        if len(before) > 0:
-            change = abs(limited[i] - before[i])
-            shortened = max(shortened, change / (limits[_ACCELERATION, i] * dt))
+        a = limits[_ACCELERATION, i]
+        low[i] = -_fastest(q[i] - limits[_LOWER, i], -before[i], a, dt)
+        high[i] = _fastest(limits[_UPPER, i] - q[i], before[i], a, dt)
+        limited[i] = clip(dq[i] / slowed, low[i], high[i])
+        shortened = max(shortened, abs(limited[i] - before[i]) / (a * dt))
     for i in range(len(q)):
         if shortened > 1.0:
-            low, high = _span(limits, i, q[i], before, dt)
-            limited[i] = clip(before[i] + (limited[i] - before[i]) / shortened, low, high)
+            limited[i] = clip(before[i] + (limited[i] - before[i]) / shortened, low[i], high[i])
         changed = changed or limited[i] != dq[i]
     return limited, changed
 
 
 @jit(_limited(matrix, vector, vector, vector, f8, vector))
-def limit_acceleration(
+def _limit_acceleration(
     limits: Array, q: Array, dq: Array, ddq: Array, dt: float, drift: Array
 ) -> tuple[Array, bool]:
-    """See :meth:`JointLimits.limit_acceleration`."""
     shortened, changed, limited = 1.0, False, np.empty(len(q))
     for i in range(len(q)):
         a = limits[_ACCELERATION, i]

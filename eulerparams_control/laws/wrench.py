@@ -165,7 +165,7 @@ class StuckSensor:
         if measured != self._w:
             self._w, self._q, self._since, self._is_stuck = measured, q, now, False
         elif w.any() and now - self._since > _REPEATS:
-            self._is_stuck |= bool((limits.deviation(q, self._q) > _MOVED).any())
+            self._is_stuck |= bool((np.abs(limits.difference(q, self._q)) > _MOVED).any())
         return self._is_stuck
 
 

@@ -221,7 +221,8 @@ class ControlParameters(RealTimeParameters):
         acceleration = each_joint("max_joint_acceleration", self.max_joint_acceleration, robot)
         if not self.enforce_limits:
             return None
-        return replace(robot.limits.scaled(self.velocity_scale), acceleration=acceleration)
+        velocity = self.velocity_scale * robot.limits.velocity
+        return replace(robot.limits, velocity=velocity, acceleration=acceleration)
 
     def motion_limits(self) -> MotionLimits | None:
         """Return the limits of the tip; None if nothing bounds it."""
