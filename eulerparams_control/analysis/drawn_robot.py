@@ -17,7 +17,7 @@ from eulerparams_control.errors import EulerParamsError, RobotError
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.resources import config_names
 from eulerparams_control.robot.catalogue import load_robot
-from eulerparams_control.robot.urdf import UrdfTree, attribute
+from eulerparams_control.robot.urdf import UrdfTree, attribute, numbers
 
 try:
     import coal  # type: ignore[import-not-found,import-untyped,unused-ignore]
@@ -302,12 +302,12 @@ class _Shapes:
         if element.tag == "mesh":
             yield from self._parts(element)
         if element.tag == "box":
-            yield {"box": _numbers(attribute(element, "size"), 3)}
+            yield {"box": numbers(element, "size")}
         if element.tag == "sphere":
-            yield {"sphere": _numbers(attribute(element, "radius"), 1)}
+            yield {"sphere": numbers(element, "radius", count=1)}
         if element.tag in ("cylinder", "capsule"):
-            sizes = (attribute(element, name) for name in ("radius", "length"))
-            yield {element.tag: [_numbers(size, 1)[0] for size in sizes]}
+            sizes = (numbers(element, name, count=1) for name in ("radius", "length"))
+            yield {element.tag: [size for (size,) in sizes]}
 
     def _parts(self, element: ET.Element) -> Iterator[Data]:
         """Yield the parts of a mesh, each of its own colour."""
@@ -320,7 +320,7 @@ class _Shapes:
         if path not in self._known:
             self._known[path] = len(self.meshes)
             self.meshes += parts
-        scale = _numbers(element.get("scale", "1 1 1"), 3)
+        scale = numbers(element, "scale", "1 1 1")
         for index, part in enumerate(parts, self._known[path]):
             yield {"mesh": index, "scale": scale, "colour": part.colour}
 
@@ -340,7 +340,7 @@ def _rgb(material: ET.Element) -> str:
     element = material.find("color")
     if element is None:
         return ""
-    red, green, blue, alpha = _numbers(attribute(element, "rgba"), 4)
+    red, green, blue, alpha = numbers(element, "rgba", count=4)
     if alpha <= 0:
         return ""
     return rgb(red, green, blue)
@@ -350,35 +350,21 @@ def joint_data(tree: UrdfTree, name: str, joints: Sequence[str]) -> Data:
     """Return a joint: its links, its place, its axis, and its index among those that move."""
     element = tree.joints[name]
     axis = element.find("axis")
-    direction = [1.0, 0.0, 0.0] if axis is None else _numbers(attribute(axis, "xyz"), 3)
     return {
         "name": name,
         "parent": tree.end(name, "parent"),
         "child": tree.end(name, "child"),
         "kind": element.get("type", "fixed"),
         "index": joints.index(name) if name in joints else -1,
-        "axis": direction if any(direction) else [1.0, 0.0, 0.0],
+        "axis": [1.0, 0.0, 0.0] if axis is None else numbers(axis, "xyz"),
         **_origin(element),
     }
 
 
 def _origin(element: ET.Element) -> Data:
     origin = element.find("origin")
-    stated = {} if origin is None else origin.attrib
-    return {
-        "xyz": _numbers(stated.get("xyz", "0 0 0"), 3),
-        "rpy": _numbers(stated.get("rpy", "0 0 0"), 3),
-    }
-
-
-def _numbers(text: str, count: int) -> list[float]:
-    try:
-        values = [float(number) for number in text.split()]
-    except ValueError as error:
-        raise RobotError(f"expected {count} numbers, got '{text}'") from error
-    if len(values) != count or not all(map(math.isfinite, values)):
-        raise RobotError(f"expected {count} finite numbers, got '{text}'")
-    return values
+    origin = ET.Element("origin") if origin is None else origin
+    return {name: numbers(origin, name, "0 0 0") for name in ("xyz", "rpy")}
 
 
 def _fewer(meshes: Sequence[Mesh], most: int) -> list[Mesh]:

@@ -30,8 +30,6 @@ SHORTEST = 1e-3
 # Part of the acceleration limit by which efforts plan to brake: they follow late.
 _PLANNED = 0.8
 
-_FULL_EFFORT_TIME, _LEAST_EFFORT_RATE = 0.02, 2000.0
-
 _TINY = 1e-300
 
 NONE: Array = np.empty(0)
@@ -77,7 +75,7 @@ class JointLimits:
 
         They get to their limits within 0.02 s, and no slower than at 2000 Nm/s.
         """
-        rate: Array = np.maximum(self.effort / _FULL_EFFORT_TIME, _LEAST_EFFORT_RATE)
+        rate: Array = np.maximum(self.effort / 0.02, 2000.0)
         return rate
 
     def fallen(self, before: "JointLimits", fall: Array) -> "JointLimits":

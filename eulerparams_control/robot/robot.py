@@ -120,14 +120,12 @@ class Robot:
         joints: the n active joints, base to tip.
         limits, friction: of the active joints, as the URDF states them.
         model: Pinocchio's, with the base frame as its world; nq = nv = n.
-        tip_id: the tip among the frames of the model.
         gravity: (3,) [m/s^2] in the base frame.
         length: characteristic length [m]: 0.8 times the sum of the distances between the origins
             of successive joints, up to the tip, and of the ranges of those that slide; that of
             a UR5 is 0.99 m.
         reach: a sphere around all positions of the tip.
         is_prismatic: (n,) which of the active joints slide; the others turn.
-        locked: joints between base and tip that could move, but are held at 0 in the model.
         mount: joints between the root and the base that could turn it against gravity, held at 0
             in the model too; one that slides, as the lift of a torso does, is none of them.
 
@@ -154,8 +152,6 @@ class Robot:
                 f"'{self.tip_frame}'"
             )
         self.n = len(self.joints)
-        between = tree.chain(self.base_frame, self.tip_frame)
-        self.locked = tuple(j for j in between if j not in self.joints and tree.kind(j) != "fixed")
         before = tree.chain(tree.root, self.base_frame)
         self.mount = tuple(j for j in before if tree.kind(j) not in ("fixed", "prismatic"))
         self.is_prismatic = np.array([tree.kind(j) == "prismatic" for j in self.joints])
@@ -164,9 +160,9 @@ class Robot:
         self.friction = JointFriction(*np.array([joint_friction(joint) for joint in active]).T)
 
         self.model = _model_of(tree, self.joints, self.base_frame, gravity)
-        self.tip_id = self._id(self.tip_frame)
+        self._tip = self._id(self.tip_frame)
         if tool is not None:
-            tip = self.model.frames[self.tip_id]
+            tip = self.model.frames[self._tip]
             self.model.inertias[tip.parentJoint] += tip.placement.act(pin.Inertia(*tool))
         self.gravity = np.array(self.model.gravity.linear)
         self._weightless = pin.Model(self.model)
@@ -180,14 +176,16 @@ class Robot:
         One that moves but is not active is held at 0 in the model, and nowhere else; the limits
         of one that is active may not let it move.
         """
+        tree = self._tree
         for joint in self.joints:
-            refuse_motionless(self._tree.joints[joint])
-        if self.locked:
+            refuse_motionless(tree.joints[joint])
+        others = [j for j in tree.chain(self.base_frame, self.tip_frame) if j not in self.joints]
+        if locked := [joint for joint in others if tree.kind(joint) != "fixed"]:
             raise RobotError(
-                f"{', '.join(self.locked)} can move between {self.base_frame} and {self.tip_frame} "
+                f"{', '.join(locked)} can move between {self.base_frame} and {self.tip_frame} "
                 "but is not among the active joints: set joints: [] if it has a motor, and remove "
                 'its <mimic>; else make it type="fixed" in the URDF, or set tip_frame to '
-                f"{self._tree.end(self.locked[0], 'parent')} or a link before it"
+                f"{tree.end(locked[0], 'parent')} or a link before it"
             )
 
     def refuse_size(self, q: Array, dq: Array) -> None:
@@ -196,11 +194,7 @@ class Robot:
             raise RobotError(f"q and dq have shapes {q.shape}, {dq.shape}; expected ({self.n},)")
 
     def placement(self, frame: str, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> Placement:
-        """Return where a link that is fixed to the tip is, seen from the tip.
-
-        Args:
-            frame: the link; "" is the tip.
-            offset: (3,) [m] in the link, of the point that is meant.
+        """Return where a point (3,) [m] of a link is, seen from the tip; "" is the tip.
 
         Raises:
             RobotError: if there is no such link, or a joint can move between it and the tip.
@@ -247,7 +241,7 @@ class Robot:
         """Return the kinematics for q, dq (n,), else RobotError is raised; eqs. (18)-(20)."""
         q, dq = np.array(q, dtype=float), np.array(dq, dtype=float)
         self.refuse_size(q, dq)
-        model, data, tip = self.model, self._data, self.tip_id
+        model, data, tip = self.model, self._data, self._tip
         pin.computeJointJacobians(model, data, q)
         T_e = pin.updateFramePlacement(model, data, tip)  # (18), (19)
         J = pin.getFrameJacobian(model, data, tip, _AXES).reshape(6, self.n)
@@ -271,7 +265,7 @@ class Robot:
         arm = self.state(q, dq)
         model, data, q, dq = self.model, self._data, arm.q, arm.dq
         pin.forwardKinematics(model, data, q, dq, self._zero)
-        a_e = pin.getFrameClassicalAcceleration(model, data, self.tip_id, _AXES)
+        a_e = pin.getFrameClassicalAcceleration(model, data, self._tip, _AXES)
         B = pin.crba(model, data, q)
         C_dq = pin.nonLinearEffects(self._weightless, data, q, dq)
         g = pin.computeGeneralizedGravity(model, data, q)
@@ -280,7 +274,7 @@ class Robot:
     def _lengths(self) -> tuple[float, Reach]:
         """Return the characteristic length [m], and how far the tip can be."""
         first, *links = [at.translation for at in self.model.jointPlacements[1:]]
-        links.append(self.model.frames[self.tip_id].placement.translation)
+        links.append(self.model.frames[self._tip].placement.translation)
         stretched = sum(float(np.linalg.norm(link)) for link in links)
         lower, upper = self.limits.lower[self.is_prismatic], self.limits.upper[self.is_prismatic]
         ranges = upper - lower
@@ -290,16 +284,11 @@ class Robot:
 
 
 def carried_by(tree: UrdfTree, frame: str) -> Tool:
-    """Return the body of all links that a link carries, in its frame, their joints at 0.
+    """Return the body of all links that a link, not the root, carries, in its frame, joints at 0.
 
     The link itself counts if it is on a fixed joint: then it is a place on the link before;
     else it is the last link of an arm.
-
-    Raises:
-        RobotError: if the link is not there, or is the root.
     """
-    if _frame(tree, frame, "frame") == tree.root:
-        raise RobotError(f"the link '{frame}' is the root, which no joint carries")
     robot, joint = tree.moving_only(()), tree.chain(tree.root, frame)[-1]
     if tree.kind(joint) != "fixed":
         link = next(link for link in robot.iter("link") if link.get("name") == frame)

@@ -22,10 +22,11 @@ NO_LIMIT = 1e12  # stands for infinity where Pinocchio and PyBullet need a numbe
 COULOMB_SPEED = 0.05  # [rad/s] Coulomb friction is tanh(dq / COULOMB_SPEED); a step would chatter
 
 _TYPES = (*MOVING, "fixed", "floating", "planar")
+_PLACE = ("origin", "parent", "child", "axis")
 _LIMITS = ("lower", "upper", "velocity", "effort")
 _INERTIAL = {"mass": ("value",), "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")}
+_LEAST = {"value": 0.0, "ixx": -1e-9, "iyy": -1e-9, "izz": -1e-9}  # of a point, by rounding
 _LARGEST = 1e9  # [m, kg, kg m^2] beyond it numbers would overflow sooner or later
-_ROUNDING = 1e-9  # of a zero: in the inertia of a point [kg m^2], in an axis
 
 # Beyond these Pinocchio (a chain of 5000 links) and PyBullet (a name of 3000) end the process.
 _MOST_LINKS = 1000
@@ -119,13 +120,14 @@ def numbers(
     except ValueError:
         values = []
     if len(values) != count or not all(abs(value) <= largest for value in values):
-        expected = {1: "a number, as 0.5 or 1e-3", 3: "three numbers with blanks, as '0 0 0.5'"}
-        raise RobotError(f"{name} of its <{element.tag}> is '{text}'; expected {expected[count]}")
+        kinds = {1: "a number, as 0.5 or 1e-3", 3: "three numbers with blanks, as '0 0 0.5'"}
+        expected = kinds.get(count, f"{count} numbers")
+        raise RobotError(f"{name} of its <{element.tag}> is '{text}'; expected {expected}")
     return values
 
 
-def _number(element: ET.Element, name: str, default: str = "", largest: float = math.inf) -> float:
-    return numbers(element, name, default, 1, largest)[0]
+def _number(element: ET.Element, name: str, default: str) -> float:
+    return numbers(element, name, default, 1, math.inf)[0]
 
 
 def text_of(values: Iterable[float]) -> str:
@@ -148,9 +150,8 @@ def _check_link(link: ET.Element) -> None:
     for part, names in _INERTIAL.items():
         element = next(inertial.iter(part), ET.Element(part))
         for name in names:
-            value = _number(element, name, "", _LARGEST)
-            least = {"value": 0.0, "ixx": -_ROUNDING, "iyy": -_ROUNDING, "izz": -_ROUNDING}
-            if value < least.get(name, -_LARGEST):
+            (value,) = numbers(element, name, count=1)
+            if value < _LEAST.get(name, -_LARGEST):
                 raise RobotError(f"{name} of its <{part}> is {value:g}; expected 0 or more")
             element.set(name, repr(value))
 
@@ -163,7 +164,7 @@ def _check_joint(joint: ET.Element) -> None:
         axis = ET.SubElement(joint, "axis") if axis is None else axis
         direction = numbers(axis, "xyz", "1 0 0")
         length = math.hypot(*direction)
-        if length < _ROUNDING:
+        if length < 1e-9:
             raise RobotError("its axis is zero; expected a direction, as xyz='0 0 1'")
         axis.set("xyz", text_of(value / length for value in direction))
     elif axis is not None:
@@ -212,24 +213,20 @@ class UrdfTree:
         if not self.links:
             raise RobotError(f"the robot description has no <link>, as an SRDF; {_URDF}")
         self._above: dict[str, str] = {}  # link -> the joint that carries it
-        below: dict[str, list[str]] = {link: [] for link in self.links}
         for joint in self.joints:
             for end in ("parent", "child"):
-                if self.end(joint, end) not in below:
+                if self.end(joint, end) not in self.links:
                     raise RobotError(f"joint '{joint}': no link '{self.end(joint, end)}' as {end}")
-            parent, child = self.end(joint, "parent"), self.end(joint, "child")
+            child = self.end(joint, "child")
             if child in self._above:
                 raise RobotError(f"link '{child}' has two parents; expected one")
             self._above[child] = joint
-            below[parent].append(child)
         roots = [link for link in self.links if link not in self._above]
         if len(roots) != 1:
             raise RobotError(f"expected one root link, found {len(roots)}: {', '.join(roots[:20])}")
-        self.root, carried = roots[0], roots
-        for link in carried:  # which grows
-            carried += below[link]
-        if apart := set(self.links).difference(carried):
-            raise RobotError(f"link '{min(apart)}' is not carried by link '{self.root}'")
+        self.root = roots[0]
+        for link in self.links:
+            self.chain(self.root, link)
 
     def kind(self, joint: str) -> str:
         """Return the type of a joint."""
@@ -250,7 +247,7 @@ class UrdfTree:
         """Return the joints from the link ``base`` to the link ``tip``, which it has to carry."""
         link, names = tip, list[str]()
         while link != base:
-            if link not in self._above:
+            if link not in self._above or len(names) > len(self.joints):  # a loop
                 raise RobotError(f"link '{tip}' is not carried by link '{base}'")
             names.append(self._above[link])
             link = self.end(names[-1], "parent")
@@ -284,12 +281,10 @@ class UrdfTree:
             kept = ET.SubElement(robot, "link", link.attrib)
             kept.extend([part for part in link if part.tag in ("inertial", *shapes)])
         for name, joint in self.joints.items():
-            moves = name in joints
-            kind = self.kind(name) if moves else "fixed"
+            kind = self.kind(name) if name in joints else "fixed"
             kept = ET.SubElement(robot, "joint", name=name, type=kind)
-            tags = ("origin", "parent", "child", *("axis",) * moves)
-            kept.extend([part for part in joint if part.tag in tags])
-            if moves:
+            kept.extend([part for part in joint if part.tag in _PLACE])
+            if name in joints:
                 limit = ET.SubElement(kept, "limit")
                 for bound, value in zip(_LIMITS, joint_limits(joint), strict=True):
                     limit.set(bound, repr(min(max(value, -NO_LIMIT), NO_LIMIT)))
