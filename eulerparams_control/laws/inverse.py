@@ -13,12 +13,25 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.jit import Array, b1, f8, i8, jit, matrix, new_matrix, vector, void
+from eulerparams_control.laws.jit import (
+    Array,
+    b1,
+    f8,
+    i8,
+    jit,
+    matrix,
+    new_matrix,
+    types,
+    vector,
+    void,
+)
 
 # Two vectors are orthogonal if their cosine is below this; all pairs of six are so after five to
 # ten rounds.
 _ORTHOGONAL = 1e-15
 _ROUNDS = 40
+
+_strided = types.Array(f8, 1, "A")
 
 
 @dataclass(frozen=True)
@@ -57,46 +70,48 @@ def _product(x: Array, y: Array) -> float:
     return total
 
 
-@jit(b1(new_matrix, new_matrix, i8, i8))
-def _turn(W: Array, Q: Array, i: int, j: int) -> bool:
-    """Make the rows i and j of W orthogonal by a rotation in their plane, if they are not."""
-    a, b, c = _product(W[i], W[i]), _product(W[j], W[j]), _product(W[i], W[j])
-    if not abs(c) > _ORTHOGONAL * math.sqrt(a) * math.sqrt(b):
-        return False
-    slope = (b - a) / (2.0 * c)
-    t = math.copysign(1.0, slope) / (abs(slope) + math.sqrt(1.0 + slope * slope))
-    cosine = 1.0 / math.sqrt(1.0 + t * t)
-    for X in (W, Q):
-        for k in range(X.shape[1]):
-            x, y = X[i, k], X[j, k]
-            X[i, k], X[j, k] = cosine * (x - t * y), cosine * (t * x + y)
-    return True
+@jit(void(_strided, _strided, f8, f8))
+def _turn(x: Array, y: Array, cosine: float, t: float) -> None:
+    """Turn two vectors in their plane."""
+    for k in range(len(x)):
+        x_k, y_k = x[k], y[k]
+        x[k], y[k] = cosine * (x_k - t * y_k), cosine * (t * x_k + y_k)
 
 
-@jit(f8(new_matrix, new_matrix))
-def _orthogonalize(W: Array, Q: Array) -> float:
-    """Turn the rows of W among each other until they are orthogonal; return the least length.
+@jit(f8(new_matrix, i8))
+def _orthogonalize(A: Array, size: int) -> float:
+    """Turn the rows of A = [W, Q] among each other until those of W (m, size) are orthogonal.
 
-    By Jacobi's rotations of pairs (Hestenes, 1958), which keep small singular values exact.  The
-    rows of Q turn with those of W, so that Q' W stays what it was.
+    By Jacobi's rotations of pairs (Hestenes, 1958), which keep small singular values exact.  For
+    Q (m, m) Q' W stays what it was.  Return the length of the shortest row of W.
     """
-    m = len(W)
+    m = len(A)
     for _ in range(_ROUNDS):
         turned = False
         for i in range(m - 1):
             for j in range(i + 1, m):
-                turned = _turn(W, Q, i, j) or turned
+                x, y = A[i, :size], A[j, :size]
+                a, b, c = _product(x, x), _product(y, y), _product(x, y)
+                if abs(c) > _ORTHOGONAL * math.sqrt(a) * math.sqrt(b):
+                    turned = True
+                    slope = (b - a) / (2.0 * c)
+                    t = math.copysign(1.0, slope) / (abs(slope) + math.sqrt(1.0 + slope * slope))
+                    _turn(A[i], A[j], 1.0 / math.sqrt(1.0 + t * t), t)
         if not turned:
             break
-    return math.sqrt(np.min(np.sum(W * W, axis=1)))
+    least = _product(A[0, :size], A[0, :size])
+    for i in range(1, m):
+        least = min(least, _product(A[i, :size], A[i, :size]))
+    return math.sqrt(least)
 
 
-@jit(new_matrix(matrix, f8))
-def _without_units(J: Array, length: float) -> Array:
-    """Return J (6, n), its rows for the position divided by ``length``; its transpose for n < 6."""
-    W = np.empty(J.shape)
-    W[:3], W[3:] = J[:3] / length, J[3:]
-    return W if J.shape[1] >= 6 else np.ascontiguousarray(W.T)
+@jit(void(matrix, f8, new_matrix))
+def _without_units(J: Array, length: float, A: Array) -> None:
+    """Begin A with J (6, n), its rows for the position over length; with J' for n < 6."""
+    for i in range(6):
+        for k in range(J.shape[1]):
+            row, column = (i, k) if len(A) == 6 else (k, i)
+            A[row, column] = J[i, k] / (length if i < 3 else 1.0)
 
 
 @jit(f8(matrix, f8))
@@ -105,19 +120,21 @@ def sigma_min(J: Array, length: float) -> float:
 
     The rows of J for the position are divided by ``length`` [m].
     """
-    W = _without_units(J, length)
-    return _orthogonalize(W, np.empty((len(W), 0)))
+    W = np.empty((min(6, J.shape[1]), max(6, J.shape[1])))
+    _without_units(J, length, W)
+    return _orthogonalize(W, W.shape[1])
 
 
 @jit(void(new_matrix, new_matrix))
 def symmetric_modes(S: Array, Y: Array) -> None:
     """Turn S (m, m), symmetric and not negative, into its eigenvalues, Y into its eigenvectors."""
-    Q = np.eye(len(S))
-    _orthogonalize(S, Q)
-    for i in range(len(S)):
-        value, Y[:, i] = math.sqrt(_product(S[i], S[i])), Q[i]
-        S[i] = 0.0
-        S[i, i] = value
+    m = len(S)
+    A = np.zeros((m, 2 * m))
+    A[:, :m], A[:, m:] = S, np.eye(m)
+    _orthogonalize(A, m)
+    S[:] = 0.0
+    for i in range(m):
+        S[i, i], Y[:, i] = math.sqrt(_product(A[i, :m], A[i, :m])), A[i, m:]
 
 
 @jit(b1(new_matrix))
@@ -125,12 +142,16 @@ def _solve_rows(A: Array) -> bool:
     """Turn A = [B, C] into [I, B^-1 C] by Gauss and Jordan; return whether there is a B^-1."""
     m, width = A.shape
     for k in range(m):
-        pivot = k + np.argmax(np.abs(A[k:, k]))
+        pivot = k
+        for i in range(k + 1, m):
+            pivot = i if abs(A[i, k]) > abs(A[pivot, k]) else pivot
         if A[pivot, k] == 0.0:
             return False
         for j in range(k, width):
             A[k, j], A[pivot, j] = A[pivot, j], A[k, j]
-        A[k] /= A[k, k]
+        factor = 1.0 / A[k, k]
+        for j in range(k, width):
+            A[k, j] *= factor
         for i in range(m):
             factor = A[i, k] if i != k else 0.0
             for j in range(k, width):
@@ -164,20 +185,25 @@ def damped_inverse(J: Array, eps: float, lambda_max: float, length: float) -> Ar
     X = np.zeros((n, 6))
     if _invert_regular(J, X):
         # 1 / |J^-1|_F is a lower bound of sigma_min: where it suffices, sigma_min is not needed
-        bound = length * length * np.sum(X[:, :3] * X[:, :3]) + np.sum(X[:, 3:] * X[:, 3:])
+        bound = 0.0
+        for x in X:
+            bound += length * length * _product(x[:3], x[:3]) + _product(x[3:], x[3:])
         if eps * math.sqrt(bound) < 1.0:
             return X
-    W = _without_units(J, length)
-    Q = np.eye(len(W))
-    sigma = _orthogonalize(W, Q)
+    m, size = min(6, n), max(6, n)
+    A = np.empty((m, size + m))
+    _without_units(J, length, A)
+    A[:, size:] = np.eye(m)
+    sigma = _orthogonalize(A, size)
     ratio = sigma / eps if eps > 0.0 else 1.0
     lambda_2 = (1.0 - ratio * ratio) * lambda_max * lambda_max if ratio < 1.0 else 0.0
     X[:] = 0.0
-    for k in range(len(W)):  # J* is the sum of w q' / (sigma_k^2 + lambda^2)
-        w, q = (W[k], Q[k]) if n >= 6 else (Q[k], W[k])
-        square = _product(W[k], W[k]) + lambda_2
+    for k in range(m):  # J* is the sum of w q' / (sigma_k^2 + lambda^2)
+        W, Q = A[k, :size], A[k, size:]
+        w, q = (W, Q) if n >= 6 else (Q, W)
+        square = _product(W, W) + lambda_2
         if square != 0.0:  # else this direction is lost, and not damped
             for i in range(n):
-                X[i] += w[i] / square * q
-    X[:, :3] /= length
+                for j in range(6):
+                    X[i, j] += w[i] * q[j] / square / (length if j < 3 else 1.0)
     return X
