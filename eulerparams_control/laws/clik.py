@@ -192,8 +192,7 @@ class Clik(Scheme):
         if not math.isfinite(dq_c @ dq_c):
             raise SingularityError("the law asks for an infinite joint velocity")
         if limits is not None:
-            bounds = self.parameters.max_error_position, self.parameters.max_error_rotation
-            refuse_error(desired, arm, *bounds)
+            refuse_error(desired, arm, self.parameters)
             if not is_internal:
                 dq_c = self._slowed(dt, q_c, dq_c, desired)
             excess = limits.excess(dq_c)

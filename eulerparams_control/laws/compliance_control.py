@@ -26,11 +26,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws.dynamic_control import Acceleration, EffortControl
+from eulerparams_control.laws.dynamic_control import EffortControl
 from eulerparams_control.laws.elasticity import Elasticity, SpringWrench
-from eulerparams_control.laws.inverse import symmetric_modes
+from eulerparams_control.laws.inverse import matrix_product, solved, symmetric_modes
 from eulerparams_control.laws.inverse_dynamics import joint_acceleration
-from eulerparams_control.laws.jit import f8, jit, matrix, new_matrix, types, vector
+from eulerparams_control.laws.jit import f8, jit, matrix, new_matrix, new_vector, types, vector
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import Lyapunov
 from eulerparams_control.laws.rotations import Array, dot, norm, solve, turn
@@ -63,20 +63,17 @@ _FORCE_RATE = 200.0
 
 _TINY = 1e-12
 
-_NO_FORCE = np.zeros(3)
+_NO_FORCE, _ZERO = np.zeros(3), np.zeros(6)
 _NO_FORCE.setflags(write=False)
-
-# Position and orientation in (6,).
-_PARTS = slice(0, 3), slice(3, 6)
+_ZERO.setflags(write=False)
 
 
 class TipWrench(NamedTuple):
     """What drives the tip where nothing bounds it, and how the tip answers.
 
     Attributes:
-        springs: the elastic wrench.
-        damping: (6,) [N, Nm] of the dampers.
-        D: (6, 6) of the dampers.
+        springs: the elastic wrench; w (6,) [N, Nm] the same as one vector.
+        damping: (6,) [N, Nm] of the dampers D = F E.
         rate: [1/s] of the fastest mode.
         turning: the part of the elastic energy of that mode that is rotational.
         M: (n, 6) B^-1 J', by which a wrench accelerates the joints.
@@ -85,8 +82,9 @@ class TipWrench(NamedTuple):
     """
 
     springs: SpringWrench
+    w: Array
     damping: Array
-    D: Array
+    E: Array
     rate: float
     turning: float
     M: Array
@@ -120,62 +118,70 @@ def compliance(
     arm = state.arm
     v, v_d = np.concatenate((arm.dp_e, arm.omega_e)), np.concatenate(desired[2:4])
     springs = elasticity.wrench(arm.p_e, arm.R_e, desired, clip_share)  # (56), (60), (66)
-    F = springs.F  # F F' = K
-    M = np.linalg.solve(state.B, arm.J.T)  # B^-1 J'
+    w, F = np.concatenate(springs[:2]), springs.F  # F F' = K
+    M = solved(state.B, arm.J.T)  # B^-1 J'
     mobility = arm.J @ M  # Lambda^-1
-    C, rate, turning = modal_damping(F.T @ mobility @ F, ratio_p, ratio_o)
-    E = C @ F.T  # D = F E
-    drag, lead, clips = E @ v, E @ v_d, elasticity.clips
-    k_p = lead_share(F[:3, :3], springs.f, drag[:3], lead[:3], clip_share * clips[0])
-    k_o = lead_share(F[3:, 3:], springs.mu, drag[3:], lead[3:], clip_share * clips[1])
-    damping = F @ (min(k_p, k_o) * lead - drag)  # -D (v - v_d) where both are 1
-    return TipWrench(springs, damping, F @ E, rate, turning, M, mobility, v, v_d)
+    E, rate, turning = modal_damping(F, mobility, ratio_p, ratio_o)  # D = F E
+    drag, lead = E @ v, E @ v_d
+    k = lead_share(F, w, drag, lead, clip_share * elasticity.clips)
+    damping = F @ (k * lead - drag)  # -D (v - v_d) where k = 1
+    return TipWrench(springs, w, damping, E, rate, turning, M, mobility, v, v_d)
 
 
-@jit(types.Tuple((new_matrix, f8, f8))(matrix, f8, f8))
-def modal_damping(S: Array, ratio_p: float, ratio_o: float) -> tuple[Array, float, float]:
-    """Return C (6, 6) = Y diag(2 zeta / omega) Y' of S = Y diag(omega^2) Y', and a fastest mode.
+# --- its primitives; of (6,) come the part of the position and that of the orientation -------
 
-    Of that its rate [1/s], and the part of its energy that is rotational.
+
+@jit(types.Tuple((new_matrix, f8, f8))(matrix, matrix, f8, f8))
+def modal_damping(
+    F: Array, mobility: Array, ratio_p: float, ratio_o: float
+) -> tuple[Array, float, float]:
+    """Return E (6, 6) = Y diag(2 zeta / omega) Y' F', and a fastest mode.
+
+    Of F' Lambda^-1 F = Y diag(omega^2) Y'; of that mode the rate [1/s], and the part of its energy
+    that is rotational.
     """
-    modes, Y, C = S.copy(), np.empty((6, 6)), np.zeros((6, 6))
+    modes, Y, E = (
+        matrix_product(F.T, matrix_product(mobility, F)),
+        np.empty((6, 6)),
+        np.zeros((6, 6)),
+    )
     symmetric_modes(modes, Y)
-    rate, turning = 0.0, 0.0
+    forces, rate, turning = matrix_product(F, Y), 0.0, 0.0
     for i in range(6):
-        y = Y[:, i].copy()
-        rotational = dot(y[3:], y[3:])
+        rotational = dot(Y[3:, i], Y[3:, i])
         zeta = ratio_p + rotational * (ratio_o - ratio_p)
         omega = math.sqrt(max(modes[i, i], _LEAST_OMEGA * _LEAST_OMEGA))
         for j in range(6):
-            C[j] += (2.0 * zeta / omega * y[j]) * y
+            E[j] += (2.0 * zeta / omega * Y[j, i]) * forces[:, i]
         fastest = omega * max(zeta, 1.0 / zeta)  # light damping bears less delay, too
         if fastest > rate:
             rate, turning = fastest, rotational
-    return C, rate, turning
+    return E, rate, turning
 
 
-# --- what surrounds it ---------------------------------------------------------------------
-
-
-@jit(f8(matrix, vector, vector, vector, f8))
-def lead_share(F: Array, f: Array, drag: Array, lead: Array, most: float) -> float:
-    """Return the largest k in [0, 1] with |F^-1 f - drag + k lead| <= most.
+@jit(f8(matrix, vector, vector, vector, vector))
+def lead_share(F: Array, w: Array, drag: Array, lead: Array, most: Array) -> float:
+    """Return the largest k in [0, 1] with |F^-1 w - drag + k lead| <= most, of both parts.
 
     So the feed-forward of the dampers pushes the tip by no more than the springs may.  Where these
     and the drag are more already it is the k that does not add to them; 1 at a singularity.
 
     Args:
-        F: (3, 3) of the stiffness F F'.
-        f: (3,) of the springs.
-        drag, lead: (3,) F^-1 D v and F^-1 D v_d.
-        most: in the metric of the stiffness.
+        F: (6, 6) of the stiffness F F'.
+        w: (6,) of the springs.
+        drag, lead: (6,) F^-1 D v and F^-1 D v_d.
+        most: (2,) in the metric of the stiffness.
     """
-    rest = solve(F, f) - drag
-    square, along, size = dot(lead, lead), dot(rest, lead), dot(rest, rest)
-    over = size - max(most * most, size)
-    if not square + 2.0 * along + over > 0.0:
-        return 1.0
-    return max(0.0, (math.sqrt(max(along * along - square * over, 0.0)) - along) / square)
+    share = 1.0
+    for part in range(2):
+        own = slice(3 * part, 3 * part + 3)
+        rest = solve(F[own, own], w[own]) - drag[own]
+        square, along, size = dot(lead[own], lead[own]), dot(rest, lead[own]), dot(rest, rest)
+        over = size - max(most[part] * most[part], size)
+        if square + 2.0 * along + over > 0.0:
+            k = (math.sqrt(max(along * along - square * over, 0.0)) - along) / square
+            share = min(share, max(0.0, k))
+    return share
 
 
 @jit(f8(f8, f8, f8, f8, f8, f8))
@@ -210,21 +216,45 @@ def release_margin(
     return min(part, left / max(a * tick, left))
 
 
-def brake(v: Array, most: float, rate: float, mobility: Array) -> Array:
-    """Return what slows down a tip that is faster than ``most``: -r m (|v| - most) n.
-
-    n = v / |v|, and m = 1 / (n' Lambda^-1 n) the mass along it.
+@jit(f8(vector, vector, vector, vector, f8, f8))
+def release_share(v: Array, a: Array, b: Array, most: Array, time: float, tick: float) -> float:
+    """Return the least :func:`release_margin` of both parts.
 
     Args:
-        v: (3,) its velocity, or angular velocity.
-        most: its largest speed.
-        rate: r [1/s].
-        mobility: (3, 3) of Lambda^-1.
+        v: (6,) velocity of the tip; most: (2,) its largest speeds.
+        a: (6,) its acceleration by the whole pull; b: (6,) by the dampers at the velocity a.
+        time, tick: as there.
     """
-    speed = norm(v)
-    n = v / speed
-    slowing: Array = -rate * (speed - most) / max(float(n @ mobility @ n), _TINY) * n
-    return slowing
+    share = 1.0
+    for part in range(2):
+        own = slice(3 * part, 3 * part + 3)
+        size = norm(a[own])
+        braked = max(dot(a[own], b[own]) / max(size * size, _TINY), 0.0)
+        share = min(share, release_margin(norm(v[own]), most[part], size, braked, time, tick))
+    return share
+
+
+@jit(f8(vector, vector))
+def release_time(effort: Array, rate: Array) -> float:
+    """Return the time [s] in which all efforts (n,) are taken back at their rates."""
+    return (np.abs(effort) / rate).max()
+
+
+@jit(new_vector(vector, vector, f8, matrix))
+def brake(v: Array, most: Array, rate: float, mobility: Array) -> Array:
+    """Return what slows down both parts of v (6,) beyond ``most`` (2,): -r m (|v| - most) n.
+
+    n = v / |v|, r is the rate [1/s], and m = 1 / (n' Lambda^-1 n) the mass along n.
+    """
+    w = np.zeros(6)
+    for part in range(2):
+        own = slice(3 * part, 3 * part + 3)
+        speed = norm(v[own])
+        if speed > most[part]:
+            n = v[own] / speed
+            slowing = -rate * (speed - most[part])
+            w[own] = slowing / max(dot(n, turn(mobility[own, own], n)), _TINY) * n
+    return w
 
 
 def _lowered(before: float, margin: float, stretch: float) -> float:
@@ -240,6 +270,9 @@ def _lowered(before: float, margin: float, stretch: float) -> float:
     return 0.0 if stretch <= 1.0 else before
 
 
+# --- what surrounds it ---------------------------------------------------------------------
+
+
 class SpringDamperState(NamedTuple):
     """State of springs and dampers in a tick: its ``effects``.
 
@@ -247,18 +280,18 @@ class SpringDamperState(NamedTuple):
         f, mu: (3,) [N], [Nm] of the springs on the tip.
         energy: [J] of them.
         dissipated: [W] by the dampers, the brake, and by what is drawn less.
-        rate: [1/s] of the fastest mode.
-        turning: the part of the elastic energy of that mode that is rotational.
+        excess: see :class:`Tick`.
         lowered: by which part the clips are lower than stated, from the next tick on.
+        mode: rate [1/s] and turning of the fastest one.
     """
 
     f: Array
     mu: Array
     energy: float
     dissipated: float
-    rate: float
-    turning: float
+    excess: float
     lowered: float
+    mode: tuple[float, float]
 
 
 class ComplianceControl(EffortControl):
@@ -280,17 +313,22 @@ class ComplianceControl(EffortControl):
     rates besides."""
 
     parameters: "ComplianceParameters"
-    _mode: tuple[float, float] | None = None  # rate and turning of the fastest one
+    _mode: tuple[float, float] | None = None
 
     def _take(self, parameters: Any) -> None:
         elasticity = parameters.elasticity()
         super()._take(parameters)
         self.elasticity = elasticity
-        self._speeds = (math.inf, math.inf) if self._motion is None else self._motion.speeds
+        self._speeds = np.array(
+            (math.inf, math.inf) if self._motion is None else self._motion.speeds
+        )
 
     def _effort_limits(self) -> JointLimits | None:
         """Return the limits without those of the accelerations, which the contact makes."""
         return None if self.limits is None else self.limits.without_accelerations
+
+    def _excess(self, dq: Array, ddq: Array, effects: SpringDamperState) -> float:
+        return effects.excess
 
     def press(self, force: Array) -> None:
         """Add a force (3,) [N] on the environment, axes of the tip, from now on; it ramps.
@@ -312,10 +350,9 @@ class ComplianceControl(EffortControl):
         self._wanted = self.fed = _NO_FORCE
         self.springs: tuple[Elasticity, float] | None = None
 
-    def reset(self, q: Array) -> None:
-        """Begin at the measured q (n,), with no force."""
+    def _restart(self, q: Array) -> None:
         self._release()
-        super().reset(q)
+        super()._restart(q)
 
     def hold(self, dt: float, q: Array, dq: Array, w: Array | None = None) -> JointCommand:
         """Return efforts that stop the joints, and hold them there; no force is added then."""
@@ -335,21 +372,22 @@ class ComplianceControl(EffortControl):
         if springs != self.springs:
             self.springs = springs
         tick = super().tick(dt, q, dq, desired)
-        effects: SpringDamperState = tick.effects
-        self.lowered, self.loop_rate = effects.lowered, effects.rate
-        self._mode = effects.rate, effects.turning
+        self.lowered, self._mode = tick.effects.lowered, tick.effects.mode
+        self.loop_rate = self._mode[0]
         return tick
 
-    def _accelerate(self, dt: float, state: DynamicState, desired: DesiredFrame) -> Acceleration:
+    def _accelerate(
+        self, dt: float, state: DynamicState, desired: DesiredFrame
+    ) -> tuple[Array, Any, SpringDamperState]:
         arm, p = state.arm, self.parameters
         x_de = self.orientation.displacement(desired.R_d, arm.R_e, self._x_de)
         ratios = p.damping_ratio_p, p.damping_ratio_o
         tip = compliance(state, desired, self.elasticity, 1.0 - self.lowered, *ratios)
         f, mu, energy, stretch, _ = tip.springs
-        w, fed, damping = np.concatenate((f, mu)), np.zeros(6), tip.damping
+        w, fed, lowered, excess = tip.w, _ZERO, self.lowered, 1.0
+        lost = -float(tip.damping @ (tip.v - tip.v_d))
         if self.fed is not _NO_FORCE:
-            fed[:3] = turn(arm.R_e, self.fed)
-        lost, lowered, excess = -float(damping @ (tip.v - tip.v_d)), self.lowered, 1.0
+            fed = np.concatenate((turn(arm.R_e, self.fed), _NO_FORCE))
         if self.limits is None:
             w = w + fed
         else:
@@ -358,46 +396,29 @@ class ComplianceControl(EffortControl):
             resting, moving = self._margins(dt, arm.J, tip, w)
             lowered = _lowered(lowered, resting, stretch)
             if self.fed is not _NO_FORCE:
-                fed *= self._margins(dt, arm.J, tip, fed / _FEEDFORWARD_SHARE)[0]
-            w = w + fed
+                w = w + self._margins(dt, arm.J, tip, fed / _FEEDFORWARD_SHARE)[0] * fed
             if float(w @ tip.v) > 0.0:  # no more
                 lost += (1.0 - moving) * float(w @ (tip.v - tip.v_d))
                 w = moving * w
-            braking = self._braking(dt, tip)
+            rate = min(_BRAKE_RATE, _TICKS_SHARE / dt) if dt > 0.0 else 0.0
+            braking = brake(tip.v, self._speeds, rate, tip.mobility)
             lost -= float(braking @ tip.v)
             w = w + braking
-        a_d = np.concatenate((desired.ddp_d, desired.domega_d))
+        a_d = np.concatenate(desired[4:])
         ddq_0 = self.dynamics.null_acceleration(arm.q, arm.dq)
         ddq_d = joint_acceleration(state, a_d, self.dynamics.inverse, ddq_0)  # (33)
-        ddq = ddq_d + tip.M @ (w + damping)
-        effects = SpringDamperState(f, mu, energy, lost, tip.rate, tip.turning, lowered)
-        return Acceleration(ddq, x_de, excess, effects)
+        ddq = ddq_d + tip.M @ (w + tip.damping)
+        mode = tip.rate, tip.turning
+        return ddq, x_de, SpringDamperState(f, mu, energy, lost, excess, lowered, mode)
 
     def _margins(self, dt: float, J: Array, tip: TipWrench, w: Array) -> tuple[float, float]:
         """Return the parts of a wrench w (6,) that may drive a tip at rest, and this one."""
-        a, resting, moving = tip.mobility @ w, 1.0, 1.0
-        time = float((np.abs(J.T @ w) / self.dynamics.rate).max())
-        for part, most in zip(_PARTS, self._speeds, strict=True):
-            speed = norm(tip.v[part])
-            moving = min(moving, release_margin(speed, most, norm(a[part]), 0.0, time, dt))
-        if moving == 1.0:
+        a, time = tip.mobility @ w, release_time(J.T @ w, self.dynamics.rate)
+        if release_share(tip.v, a, _ZERO, self._speeds, time, dt) == 1.0:
             return 1.0, 1.0  # also with dampers
-        b, moving = tip.mobility @ (tip.D @ a), 1.0
-        for part, most in zip(_PARTS, self._speeds, strict=True):
-            size = norm(a[part])
-            braked = max(dot(a[part], b[part]) / max(size * size, _TINY), 0.0)
-            speed = norm(tip.v[part])
-            resting = min(resting, release_margin(0.0, most, size, braked, time, dt))
-            moving = min(moving, release_margin(speed, most, size, braked, time, dt))
-        return resting, moving
-
-    def _braking(self, dt: float, tip: TipWrench) -> Array:
-        """Return the wrench (6,) that slows down a tip beyond its speeds."""
-        rate, w = min(_BRAKE_RATE, _TICKS_SHARE / dt) if dt > 0.0 else 0.0, np.zeros(6)
-        for part, most in zip(_PARTS, self._speeds, strict=True):
-            if norm(tip.v[part]) > most:
-                w[part] = brake(tip.v[part], most, rate, tip.mobility[part, part])
-        return w
+        b = tip.mobility @ (tip.springs.F @ (tip.E @ a))
+        resting = release_share(_ZERO, a, b, self._speeds, time, dt)
+        return resting, release_share(tip.v, a, b, self._speeds, time, dt)
 
     @property
     def fastest_gain(self) -> LoopGain | None:

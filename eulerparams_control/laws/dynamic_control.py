@@ -7,7 +7,7 @@ the representation; ``k_Pp, k_Po`` [1/s^2] and ``k_Vp, k_Vo`` [1/s] gains; base 
 
 import math
 from abc import abstractmethod
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,7 +15,8 @@ from eulerparams_control.errors import SingularityError
 from eulerparams_control.laws.blend import Blend
 from eulerparams_control.laws.hold import NO_CONTACT, JointHold, contact_force
 from eulerparams_control.laws.inverse_dynamics import InverseDynamics, joint_acceleration
-from eulerparams_control.laws.limits import SHORTEST, JointLimits
+from eulerparams_control.laws.jit import f8, jit
+from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
 from eulerparams_control.laws.rotations import Array, chord, norm
 from eulerparams_control.laws.scheme import (
@@ -73,28 +74,8 @@ def resolved_acceleration(
     return np.concatenate((a_p, a_o)), x_de
 
 
-class Acceleration(NamedTuple):
-    """Answer of a law that commands efforts.
-
-    Attributes:
-        ddq: (n,) [rad/s^2] acceleration of the joints.
-        x_de: orientation displacement of the representation, eqs. (22), (27).
-        excess: see :class:`Tick`; None: that of the joint speeds.
-        effects: see :class:`Tick`.
-    """
-
-    ddq: Array
-    x_de: Any
-    excess: float | None = None
-    effects: Any = None
-
-
 class EffortControl(Scheme):
     """Base of the schemes that command efforts: inverse dynamics, limits, and the hold.
-
-    Args:
-        robot: the arm.
-        parameters: gains, representation, limits.
 
     Attributes:
         parameters: in force; see :meth:`change`.
@@ -125,8 +106,18 @@ class EffortControl(Scheme):
         self._motion = parameters.motion_limits()
 
     @abstractmethod
-    def _accelerate(self, dt: float, state: DynamicState, desired: DesiredFrame) -> Acceleration:
-        """Return the accelerations of the law; raises SingularityError."""
+    def _accelerate(
+        self, dt: float, state: DynamicState, desired: DesiredFrame
+    ) -> tuple[Array, Any, Any]:
+        """Return ddq (n,) [rad/s^2] of the law, x_de, and the effects of a :class:`Tick`.
+
+        Raises:
+            SingularityError: if the law has no finite answer.
+        """
+
+    def _excess(self, dq: Array, ddq: Array, effects: Any) -> float:
+        """Return that of a :class:`Tick`."""
+        return 1.0 if self.limits is None else self.limits.excess_after(dq, ddq)
 
     def _effort_limits(self) -> JointLimits | None:
         return self.limits
@@ -165,26 +156,26 @@ class EffortControl(Scheme):
         """Begin at the efforts (n,) that the robot reports: see :class:`InverseDynamics`."""
         self.dynamics.start_from(effort)
 
+    def skip(self) -> None:
+        """Forget the speeds of the tick before, from which accelerations are estimated."""
+        self.dynamics.dq = None
+
     def reset(self, q: Array) -> None:
         """Begin at the measured q (n,)."""
-        self._q = q.copy()
         self.dynamics.reset()
-        self._saturated, self._contact = False, NO_CONTACT
-        self._forget_x()
-        self._hold: JointHold | None = None
-        self._blend.reset()
-
-    def skip(self) -> None:
-        """Forget the speeds of the tick before, from which the drift is estimated."""
-        self.dynamics.skip()
+        self._contact = NO_CONTACT
+        self._restart(q.copy())
 
     def resume(self, q: Array) -> None:
         """Begin at the measured q (n,), with the efforts and the contact as they are."""
-        dynamics, contact = self.dynamics, self._contact
-        tau, dq, external = dynamics.tau, dynamics.dq, dynamics.external
-        self.reset(q)
-        dynamics.tau, dynamics.dq, dynamics.external = tau, dq, external
-        self._contact = contact
+        self.dynamics.resume()
+        self._restart(q.copy())
+
+    def _restart(self, q: Array) -> None:
+        self._q, self._saturated = q, False
+        self._hold: JointHold | None = None
+        self._forget_x()
+        self._blend.reset()
 
     def hold(self, dt: float, q: Array, dq: Array, w: Array | None = None) -> JointCommand:
         """Return efforts that stop the joints, and hold them there: see :class:`JointHold`.
@@ -200,9 +191,8 @@ class EffortControl(Scheme):
         self._forget_x()
         self._blend.reset()
         added = dynamics.added(state)
-        weight = state.C_dq + state.g
-        last = weight - added if dynamics.acting is None else dynamics.acting
-        e_now = dynamics.observe(dt, state, last)
+        last = dynamics.acting(state.C_dq + state.g - added)
+        e_now = dynamics.observe(dt, state)
         joints = self.limits or self.robot.limits
         if self._hold is None:
             length, drove_in = self.robot.length, self._contact.drove_in
@@ -211,12 +201,12 @@ class EffortControl(Scheme):
             )
         self._hold.bound(joints, dynamics.rate)
         tau = self._hold.effort(dt, state, e_now, dynamics.external, w) - added
-        tau = dynamics.ramped(self._lasts(dt), tau, last)[0]
+        tau = dynamics.ramped(dt, tau, last)[0]
+        zero = np.zeros_like(tau)
         if not math.isfinite(tau @ tau):  # the measured state gives no finite efforts
-            tau, self._hold = last, None
-            dynamics.external = np.zeros_like(tau)
-        dynamics.keep(tau, np.zeros_like(tau), dq, is_obeyed=False)
-        dynamics.drift = np.zeros_like(tau)
+            tau, self._hold, dynamics.external = last, None, zero
+        dynamics.keep(tau, zero, state.arm.dq, is_obeyed=False)
+        dynamics.drift = zero
         return JointCommand(effort=tau)
 
     def last_command(self, q: Array, dq: Array) -> JointCommand:
@@ -236,7 +226,6 @@ class EffortControl(Scheme):
             SingularityError: if the law has no finite answer.
             FollowingError: if the tip is too far from the desired frame.
         """
-        self.robot.refuse_size(q, dq)
         state = self.robot.dynamic_state(q, dq)
         tick = self.follow(dt, state, desired)
         self.note_contact(dt, state.arm, desired, None, self.is_pressing)
@@ -256,26 +245,20 @@ class EffortControl(Scheme):
         Raises:
             SingularityError, FollowingError: as :meth:`tick`.
         """
-        self._q, self._hold, dynamics = state.arm.q, None, self.dynamics
-        asked = self._accelerate(dt, state, desired)
+        arm, dynamics = state.arm, self.dynamics
+        self._q, self._hold = arm.q, None
+        ddq, x_de, effects = self._accelerate(dt, state, desired)
         if self.limits is not None:
-            bounds = self.parameters.max_error_position, self.parameters.max_error_rotation
-            refuse_error(desired, state.arm, *bounds)
-        ddq = self._blend(dt, asked.ddq)
+            refuse_error(desired, arm, self.parameters)
+        ddq = self._blend(dt, ddq)
         if not math.isfinite(ddq @ ddq):
             raise SingularityError("the law asks for an infinite joint acceleration")
-        excess = asked.excess
-        if excess is None:
-            excess = 1.0 if self.limits is None else self.limits.excess_after(state.arm.dq, ddq)
-        self._saturated = dynamics.command(
-            dt, self._lasts(dt), state, ddq, h, self._effort_limits()
-        )
+        excess = self._excess(arm.dq, ddq, effects)
+        self._saturated = dynamics.command(dt, state, ddq, h, self._effort_limits())
         self._blend.keep()
-        self._x_de = asked.x_de
+        self._x_de = x_de
         command = JointCommand(effort=dynamics.tau)
-        return Tick(
-            command, desired, state.arm, asked.x_de, self._saturated, excess, None, asked.effects
-        )
+        return Tick(command, desired, arm, x_de, self._saturated, excess, None, effects)
 
     def note_contact(
         self,
@@ -302,10 +285,6 @@ class EffortControl(Scheme):
             force = contact_force(arm.J, e, self.robot.length)
         self._contact = self._contact.after(dt, force, is_measured, desired.dp_d, arm.dp_e, presses)
 
-    def _lasts(self, dt: float) -> float:
-        """Return how long [s] the efforts before have acted, dt [s] after the tick before."""
-        return max(dt, SHORTEST) if self.dynamics.tau is None else dt
-
 
 class DynamicControl(EffortControl):
     """Resolved acceleration on inverse dynamics, as in Fig. 2."""
@@ -328,13 +307,15 @@ class DynamicControl(EffortControl):
             key=lambda gain: gain.rate,
         )
 
-    def _accelerate(self, dt: float, state: DynamicState, desired: DesiredFrame) -> Acceleration:
+    def _accelerate(
+        self, dt: float, state: DynamicState, desired: DesiredFrame
+    ) -> tuple[Array, Any, Any]:
         gains = self._gains(state, desired)
         a, x_de = resolved_acceleration(state.arm, desired, self.orientation, self._x_de, gains)
         if not math.isfinite(a @ a):
             raise SingularityError("the law asks for an infinite acceleration of the tip")
         ddq_0 = self.dynamics.null_acceleration(state.arm.q, state.arm.dq)
-        return Acceleration(joint_acceleration(state, a, self.dynamics.inverse, ddq_0), x_de)
+        return joint_acceleration(state, a, self.dynamics.inverse, ddq_0), x_de, None
 
     def _gains(
         self, state: DynamicState, desired: DesiredFrame
@@ -345,10 +326,10 @@ class DynamicControl(EffortControl):
             return p.k_Pp, p.k_Vp, p.k_Po, p.k_Vo
         arm, drift = state.arm, state.arm.J @ self.dynamics.drift
         distance, angle = norm(desired.p_d - arm.p_e), chord(desired.R_d, arm.R_e)
-        linear = motion.linear_speed, motion.linear_acceleration
-        angular = motion.angular_speed, motion.angular_acceleration
-        k_Pp = braked(p.k_Pp, p.k_Vp, distance, *linear, norm(drift[:3]))
-        k_Po = braked(slope * p.k_Po, p.k_Vo, angle, *angular, norm(drift[3:])) / slope
+        v, a = motion.linear_speed, motion.linear_acceleration
+        omega, alpha = motion.angular_speed, motion.angular_acceleration
+        k_Pp = braked(p.k_Pp, p.k_Vp, distance, v, a, norm(drift[:3]))
+        k_Po = braked(slope * p.k_Po, p.k_Vo, angle, omega, alpha, norm(drift[3:])) / slope
         return k_Pp, p.k_Vp, k_Po, p.k_Vo
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
@@ -358,6 +339,7 @@ class DynamicControl(EffortControl):
         return self.orientation.lyapunov_2(tick.x_de, omega_de, p.k_Po, p.k_Vo)
 
 
+@jit(f8(f8, f8, f8, f8, f8, f8))
 def braked(k_P: float, k_V: float, e: float, speed: float, a: float, resisted: float) -> float:
     """Return k_P [1/s^2], smaller where the error e is so large that the tip would overshoot.
 
@@ -388,31 +370,23 @@ class NoMotionLoop:
 
     def change(self, parameters: "ResolvedParameters") -> None:
         """Go over to other limits."""
-        self.parameters, self.limits = parameters, parameters.limits(self.robot)
-
-    @property
-    def bounds(self) -> Bounds:
-        """The limits of the joints."""
-        return Bounds(self.limits)
+        self.parameters, self.bounds = parameters, Bounds(parameters.limits(self.robot))
 
     def follow(
         self, dt: float, state: DynamicState, desired: DesiredFrame, h: Array | None = None
     ) -> Tick:
         """Return no efforts; raises FollowingError if the arm does not follow."""
-        if self.limits is not None:
-            bounds = self.parameters.max_error_position, self.parameters.max_error_rotation
-            refuse_error(desired, state.arm, *bounds)
+        if self.bounds.joints is not None:
+            refuse_error(desired, state.arm, self.parameters)
         return Tick(JointCommand(), desired, state.arm, None)
 
-    def hold(self, dt: float, q: Array, dq: Array, w: Array | None = None) -> JointCommand:
+    def hold(self, *_: Any) -> JointCommand:
         """Return no command."""
         return JointCommand()
 
-    def last_command(self, q: Array, dq: Array) -> JointCommand:
-        """Return no command."""
-        return JointCommand()
+    last_command = hold
 
-    def _nothing(self, *_: Any) -> None:
+    def bound(self, *_: Any) -> None:
         """There are no joints that are commanded, no efforts, and no rates."""
 
-    bound = reset = resume = start_from = skip = note_contact = _nothing
+    reset = resume = start_from = skip = note_contact = bound

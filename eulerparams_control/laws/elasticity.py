@@ -54,7 +54,7 @@ class Elasticity:
         frame: whose axes K_p refers to, "base" or "desired".
 
     Attributes:
-        clips: of both springs, in the metric of their stiffness.
+        clips: (2,) of both springs, in the metric of their stiffness.
 
     Raises:
         ConfigurationError: if a matrix is impossible, or the representation has no impedance.
@@ -73,7 +73,7 @@ class Elasticity:
         rotation = _spring("K_o", K_o)
         self.orientation, self.K_p, self.K_o, self.frame = orientation, K_p, K_o, frame
         self.clip_position, self.clip_rotation = clip_position, clip_rotation
-        self.clips = _in_metric(K_p, clip_position), _in_metric(K_o, clip_rotation)
+        self.clips = np.array((_in_metric(K_p, clip_position), _in_metric(K_o, clip_rotation)))
         self._K_x = orientation.impedance(rotation).K
         damped = orientation.impedance(replace(rotation, K=_raised(K_o, _LEAST_K_o))).K
         self._F_p = np.linalg.cholesky(_raised(K_p, _LEAST_K_p))
@@ -93,8 +93,9 @@ class Elasticity:
         f = self.stiffness(R_d) @ dp_de
         turned = self.orientation.spring(R_d, R_e, self._K_x)  # (56), (60), (66)
         mu = self.orientation.finite(turned.moment)
-        share_p, stretch_p, U_p = clipped(dot(f, dp_de) / 2.0, clip_share * self.clips[0])
-        share_o, stretch_o, U_o = clipped(turned.energy, clip_share * self.clips[1])
+        clip_p, clip_o = (clip_share * self.clips).tolist()
+        share_p, stretch_p, U_p = clipped(dot(f, dp_de) / 2.0, clip_p)
+        share_o, stretch_o, U_o = clipped(turned.energy, clip_o)
         F[:3, :3] = self._F_p if self.frame == "base" else R_d @ self._F_p
         F[3:, 3:] = turned.axes @ self._F_x
         return SpringWrench(share_p * f, share_o * mu, U_p + U_o, max(stretch_p, stretch_o), F)
@@ -112,7 +113,7 @@ class Elasticity:
         x = np.linalg.pinv(K) @ force
         is_held = norm(K @ x - force) < _TINY + _NULL_STIFFNESS * size
         stretched = math.sqrt(max(float(x @ force), _TINY**2))  # in the metric of K_p
-        most = _HELD_SHARE * self.clips[0] / stretched if is_held else 0.0
+        most = _HELD_SHARE * float(self.clips[0]) / stretched if is_held else 0.0
         if most < 1.0:
             raise ConfigurationError(
                 f"the springs do not hold {size:.3g} N along {np.round(force / size, 3).tolist()} "

@@ -12,9 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws.inverse import symmetric_modes
+from eulerparams_control.laws.inverse import matrix_product, symmetric_modes
+from eulerparams_control.laws.jit import f8, jit, matrix, new_matrix
 from eulerparams_control.laws.limits import JointLimits, factor_within
-from eulerparams_control.laws.rotations import Array, norm
+from eulerparams_control.laws.rotations import Array, dot, norm
 from eulerparams_control.robot.robot import DynamicState
 
 # Least force [N] of a contact: as it is measured; as it is estimated, for a tip at rest, and for
@@ -97,19 +98,17 @@ class ContactWork(NamedTuple):
         if size < least_contact(is_measured, dp_e):
             left = math.exp(-dt / _FORGET_TIME)
             return ContactWork(left * self.driven, left * self.pushed)
-        drives, pushes = -float(force @ dp_d), float(force @ dp_e)
+        driven, drives, pushes = self.driven, -dot(force, dp_d), dot(force, dp_e)
         is_against = drives > _AGAINST_PART * size * norm(dp_d)
         if is_against and (is_measured or -pushes < _BLOCKED_PART * drives):
-            return ContactWork(self.driven + dt * drives, self.pushed + dt * pushes, presses)
-        return ContactWork(self.driven, self.pushed + dt * pushes, presses)
+            driven += dt * drives
+        return ContactWork(driven, self.pushed + dt * pushes, presses)
 
 
 NO_CONTACT = ContactWork()
 
 
 class _Phase(Enum):
-    """What the joints are to do."""
-
     BRAKING = auto()
     RETREATING = auto()  # from what the arm drove into
     HELD = auto()
@@ -138,23 +137,22 @@ class JointHold:
         w: Array | None,
         drove_in: bool,
     ) -> None:
-        n = len(e)
+        n, dp_e = len(e), state.arm.dp_e
         self._phase, self._left = _Phase.HELD, 0.0  # [s] to brake
         self._q_b, self._dq_b, self._ddq_b = state.arm.q.copy(), np.zeros(n), np.zeros(n)
         self._fastest, self._most = _LATE_RATE, math.inf
         self.bound(limits, rate)
         self._length, self._drove_in = length, drove_in
-        self._unmeasured = e.copy() if w is None else np.zeros(n)
+        self._unmeasured = e if w is None else np.zeros(n)
         self._w, self._balanced = w, np.zeros(6) if w is None else w
         self._period, self._is_new = 0.0, True
         self._retreated = self._retreat_way = self._retreat_force = 0.0
         self._swing = _Swing(n)
-        force, dp_e = self._force(state, e), state.arm.dp_e
+        force = self._force(state, e)
         # [N] that a tip in motion may feel of its joints' friction already
-        self._friction_force = 0.0
-        if w is None and not drove_in and np.linalg.norm(dp_e) > _AT_REST:
-            self._friction_force = float(np.linalg.norm(force))
-        if self._touches(state, force):
+        is_friction = w is None and not drove_in and norm(dp_e) > _AT_REST
+        self._friction_force = norm(force) if is_friction else 0.0
+        if self._touches(dp_e, force):
             self._hold_at(state.arm.q)  # a braking path would go on into it
         else:
             self._brake(state.arm.q, state.arm.dq)
@@ -242,21 +240,21 @@ class JointHold:
         if self._w is None:
             left, held = V.T @ e / w_i, V.T @ self._unmeasured / w_i
             if left @ left < 0.5 * held @ held:  # the contact lets go
-                self._unmeasured = e.copy()
+                self._unmeasured = e
 
     def _go_on(self, dt: float, state: DynamicState, force: Array) -> None:
         """Move q_b, dq_b on, and decide how they go on from there."""
-        arm, limits, size = state.arm, self._limits, float(np.linalg.norm(force))
+        arm, limits, size = state.arm, self._limits, norm(force)
         q_b = self._q_b + dt * (self._dq_b + dt / 2 * self._ddq_b)
         self._q_b = np.clip(q_b, np.minimum(limits.lower, arm.q), np.maximum(limits.upper, arm.q))
         self._dq_b = self._dq_b + dt * self._ddq_b
         if self._phase is _Phase.BRAKING:
-            self._left -= dt
-            if self._touches(state, force):  # on the way: that was driven into, too
-                drove = force @ (arm.J[:3] @ self._dq_b) < -_APPROACH_SPEED * size
-                self._drove_in = self._drove_in or bool(drove)
+            self._left, speed = self._left - dt, self._dq_b @ self._dq_b
+            if self._touches(arm.dp_e, force):  # on the way: that was driven into, too
+                approach = -float(force @ (arm.J[:3] @ self._dq_b))
+                self._drove_in = self._drove_in or approach > _APPROACH_SPEED * size
                 self._hold_at(arm.q)
-            elif self._is_braked_by_others(arm.dq):
+            elif speed > _SLOW**2 and arm.dq @ self._dq_b < speed / 2:  # others brake it
                 self._brake(arm.q, arm.dq)
             elif self._left > 0:
                 self._ddq_b = -self._dq_b / max(self._left, dt)
@@ -269,7 +267,7 @@ class JointHold:
 
     def _retreat(self, dt: float, state: DynamicState, force: Array) -> None:
         """Move away along the force of a contact, until little of it is left, or it is none."""
-        arm, size = state.arm, float(np.linalg.norm(force))
+        arm, size = state.arm, norm(force)
         self._retreated += dt
         self._retreat_way += dt * float(arm.dp_e @ force) / max(size, _CLAMP_FORCE)
         went = _STUCK_PART * _RETREAT_SPEED * (self._retreated - _STUCK_TIME)
@@ -280,9 +278,7 @@ class JointHold:
         if not self._drove_in or size < _CLAMP_FORCE:
             self._hold_at(arm.q)
             return
-        v = np.concatenate((_RETREAT_SPEED * force / size, np.zeros(3)))
-        scale, A, squares, U = _tip_modes(arm.J, self._length)
-        dq_b = A.T @ (U @ (U.T @ (scale * v) / squares))
+        dq_b = speeds_of_point(arm.J, self._length) @ (_RETREAT_SPEED * force / size)
         fastest = float(np.abs(dq_b).max())
         self._dq_b = dq_b * min(1.0, _RETREAT_JOINT_SPEED / max(fastest, _SLOW))
 
@@ -299,33 +295,21 @@ class JointHold:
         self._phase, self._q_b = _Phase.HELD, q.copy()
         self._dq_b = self._ddq_b = np.zeros_like(q)
 
-    def _is_braked_by_others(self, dq: Array) -> bool:
-        speed = self._dq_b @ self._dq_b
-        return bool(speed > _SLOW**2 and dq @ self._dq_b < speed / 2)
-
-    def _touches(self, state: DynamicState, force: Array) -> bool:
+    def _touches(self, dp_e: Array, force: Array) -> bool:
         """Return whether a force (3,) [N] on the tip is that of a contact."""
-        least = least_contact(self._w is not None, state.arm.dp_e)
-        return float(np.linalg.norm(force)) > least + self._friction_force
+        return norm(force) > least_contact(self._w is not None, dp_e) + self._friction_force
 
     def _force(self, state: DynamicState, e: Array) -> Array:
         """Return the force (3,) [N] of the contact on the tip."""
-        if self._w is None:
-            return contact_force(state.arm.J, e, self._length)
-        return self._w[:3]
+        return contact_force(state.arm.J, e, self._length) if self._w is None else self._w[:3]
 
 
 class _Swing:
-    """Sees joints that swing without coming to rest.
-
-    Args:
-        n: number of joints.
-    """
+    """Sees which of n joints swing without coming to rest."""
 
     def __init__(self, n: int) -> None:
-        self._sign, self._peak, self._last_peak = np.zeros(n), np.zeros(n), np.zeros(n)
-        self._count, self._age = np.zeros(n, dtype=int), np.zeros(n)
-        self._states = np.zeros(n, dtype=int)  # since it turned last
+        self._sign, self._peak, self._last_peak, self._age = np.zeros((4, n))
+        self._count, self._states = np.zeros((2, n), dtype=int)  # states since it turned last
 
     def swings(self, dt: float, dq: Array) -> bool:
         """Return whether a joint at dq (n,) swings, dt [s] after the last call; once a time."""
@@ -357,24 +341,26 @@ def contact_force(J: Array, e: Array, length: float) -> Array:
 
     Directions in which the tip can hardly move, ``length`` [m] weighing turns, have none.
     """
-    scale, A, squares, U = _tip_modes(J, length)
-    w: Array = scale * (U @ (U.T @ (A @ e) / squares))
-    return w[:3]
+    return speeds_of_point(J, length).T @ e
 
 
-def _tip_modes(J: Array, length: float) -> tuple[Array, Array, Array, Array]:
-    """Return scale (6,), A = diag(scale) J, and U, sigma^2 with A A' = U diag(sigma^2) U'.
+@jit(new_matrix(matrix, f8))
+def speeds_of_point(J: Array, length: float) -> Array:
+    """Return J^+ (n, 3) of the velocity of the tip, without turning, of J (6, n).
 
-    The pseudo-inverse of J is A' U diag(1 / sigma^2) U' diag(scale); where sigma is small it is
-    taken for infinite, so that the direction is lost.
+    It is A' U diag(1 / sigma^2) U' diag(scale) with A = diag(scale) J, A A' = U diag(sigma^2) U';
+    where sigma is small it is taken for infinite, so that the direction is lost.
     """
-    scale = np.array((1.0 / length,) * 3 + (1.0,) * 3)
-    A = scale[:, None] * J
-    modes, U = A @ A.T, np.empty((6, 6))
+    A, U, speeds = J.copy(), np.empty((6, 6)), np.zeros((J.shape[1], 3))
+    A[:3] /= length
+    modes = matrix_product(A, A.T)
     symmetric_modes(modes, U)
-    squares = modes.diagonal().copy()
-    squares[squares <= _RANK * _RANK * squares.max()] = math.inf
-    return scale, A, squares, U
+    joints, squares = matrix_product(A.T, U), np.diag(modes)
+    for k in range(6):
+        if squares[k] > _RANK * _RANK * squares.max():
+            for i in range(J.shape[1]):
+                speeds[i] += joints[i, k] / squares[k] / length * U[:3, k]
+    return speeds
 
 
 def _modes(B: Array, K: Array) -> tuple[Array, Array]:

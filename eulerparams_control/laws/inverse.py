@@ -207,3 +207,25 @@ def damped_inverse(J: Array, eps: float, lambda_max: float, length: float) -> Ar
                 for j in range(6):
                     X[i, j] += w[i] * q[j] / square / (length if j < 3 else 1.0)
     return X
+
+
+@jit(new_matrix(matrix, matrix))
+def matrix_product(A: Array, B: Array) -> Array:
+    """Return A B of matrices of any size."""
+    C = np.zeros((A.shape[0], B.shape[1]))
+    for i in range(A.shape[0]):
+        for j in range(B.shape[1]):
+            for k in range(A.shape[1]):
+                C[i, j] += A[i, k] * B[k, j]
+    return C
+
+
+@jit(new_matrix(matrix, matrix))
+def solved(A: Array, B: Array) -> Array:
+    """Return A^-1 B of A (n, n) and B (n, m); NaN where A is singular."""
+    n = len(A)
+    rows = np.empty((n, n + B.shape[1]))
+    rows[:, :n], rows[:, n:] = A, B
+    if not _solve_rows(rows):
+        rows[:] = np.nan
+    return rows[:, n:].copy()

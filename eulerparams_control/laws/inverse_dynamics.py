@@ -12,7 +12,8 @@ import numpy as np
 
 from eulerparams_control.errors import RobotError, SingularityError
 from eulerparams_control.laws.inverse import DampedInverse
-from eulerparams_control.laws.limits import JointLimits, factor_within
+from eulerparams_control.laws.jit import b1, jit, new_vector, types, vector
+from eulerparams_control.laws.limits import SHORTEST, JointLimits, factor_within
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.robot.robot import DynamicState, Robot
 
@@ -52,9 +53,6 @@ def joint_efforts(state: DynamicState, ddq: Array, h: Array | None = None) -> Ar
 class InverseDynamics:
     """Efforts for joint accelerations, within the limits; estimates of what else acts on the arm.
 
-    Args:
-        robot: the arm.
-
     Attributes:
         rate: (n,) [Nm/s] at which efforts may change.
         tau: (n,) the last efforts; None before the first.
@@ -68,7 +66,7 @@ class InverseDynamics:
     """
 
     def __init__(self, robot: Robot) -> None:
-        self.robot = robot
+        self.robot, self._zero = robot, np.zeros(robot.n)
         check_model(robot)
         self._start: Array | None = None
         self.reset()
@@ -87,40 +85,41 @@ class InverseDynamics:
 
     def reset(self) -> None:
         """Forget the efforts before."""
-        n = self.robot.n
         self.tau: Array | None = None
-        self.ddq, self.external, self.drift = np.zeros(n), np.zeros(n), np.zeros(n)
-        self.dq: Array | None = None  # in the tick before
-        self._is_obeyed = False  # by the efforts before: they were not cut
+        self.dq: Array | None = None
+        self.external = self._zero
+        self.resume()
 
-    def skip(self) -> None:
-        """Forget the speeds of the tick before."""
-        self.dq = None
+    def resume(self) -> None:
+        """Forget the accelerations before; the efforts act on."""
+        self.ddq = self.drift = self._zero
+        self._is_obeyed = False  # by the efforts before: they were not cut
 
     def start_from(self, effort: Array | None) -> None:
         """Begin at the efforts (n,) that the robot reports, if it does; else at its weight.
 
         A robot that compensates its weight itself begins at none.
         """
-        is_known = effort is not None and np.isfinite(effort).all()
         self._start = None
-        if effort is not None and is_known and self._parameters.compensate_gravity and effort.any():
+        is_known = effort is not None and np.isfinite(effort).all() and effort.any()
+        if effort is not None and is_known and self._parameters.compensate_gravity:
             self._start = self.robot.limits.limit_effort(effort)[0]
 
     def added(self, state: DynamicState) -> Array:
         """Return the efforts (n,) that the robot adds itself: the terms not compensated here."""
-        p = self._parameters
-        added: Array = (not p.compensate_gravity) * state.g
-        return added + (not p.compensate_coriolis) * state.C_dq
+        p, added = self._parameters, self._zero
+        if not p.compensate_gravity:
+            added = added + state.g
+        return added if p.compensate_coriolis else added + state.C_dq
 
     def weight(self, state: DynamicState) -> Array:
         """Return the gravitational efforts (n,) to command: none if the robot adds them itself."""
-        return state.g if self._parameters.compensate_gravity else np.zeros(self.robot.n)
+        return state.g if self._parameters.compensate_gravity else self._zero
 
-    @property
-    def acting(self) -> Array | None:
-        """The efforts (n,) that act until the next ones; None: those of the weight."""
-        return self._start if self.tau is None else self.tau
+    def acting(self, unknown: Array) -> Array:
+        """Return the efforts (n,) that act until the next ones; ``unknown`` if nobody knows."""
+        acting = self._start if self.tau is None else self.tau
+        return unknown if acting is None else acting
 
     def null_acceleration(self, q: Array, dq: Array) -> Array:
         """Return ddq_0 (n,) = -k_null dq - k_posture (q - posture), which the tip does not feel."""
@@ -133,7 +132,6 @@ class InverseDynamics:
     def command(
         self,
         dt: float,
-        lasts: float,
         state: DynamicState,
         ddq: Array,
         h: Array | None,
@@ -141,8 +139,11 @@ class InverseDynamics:
     ) -> bool:
         """Set ``tau`` and ``ddq`` for this instant; return whether a limit changed them.
 
+        One factor cuts all efforts: from C dq + g on for their limits, from the efforts that act
+        on for their rates.
+
         Args:
-            dt: [s] since the efforts before, which act for ``lasts`` [s].
+            dt: [s] since the efforts before.
             state: of the arm.
             ddq: (n,) wanted.
             h: (6,) or None: nothing is touched.
@@ -151,73 +152,71 @@ class InverseDynamics:
         Raises:
             SingularityError: if the efforts are not finite.
         """
-        added, slowed, reduced = self.added(state), False, False
-        self.observe(dt, state, self.acting)
+        arm, slowed, cut, is_ramped = state.arm, False, False, False
+        self.observe(dt, state)
         if limits is not None:
-            self._estimate_drift(dt, state.arm.dq)
-            arm = state.arm
             ddq, slowed = limits.limit_acceleration(arm.q, arm.dq, ddq, dt, self.drift)
-        tau = joint_efforts(state, ddq, h) - added
+        tau = joint_efforts(state, ddq, h)
         if self._friction is not None:
-            tau = tau + self._friction.effort(state.arm.dq)  # d of (33)
+            tau = tau + self._friction.effort(arm.dq)  # d of (33)
         if not math.isfinite(tau @ tau):
             raise SingularityError("the joints are measured at a state of infinite efforts")
         if limits is not None:
-            tau, reduced = self._limited(lasts, state, tau, added, limits)
-        self.keep(tau, ddq, state.arm.dq, is_obeyed=not reduced)
-        return slowed or reduced
+            tau, cut = cut_from(state.C_dq + state.g, tau, limits.effort)
+        tau = tau - self.added(state)
+        if limits is not None:
+            tau, is_ramped = self.ramped(dt, tau, self.acting(self.weight(state)))
+        self.keep(tau, ddq, arm.dq, is_obeyed=not (cut or is_ramped))
+        return slowed or cut or is_ramped
 
     def keep(self, tau: Array, ddq: Array, dq: Array, *, is_obeyed: bool) -> None:
         """Keep the efforts and accelerations that act until the next tick, and dq (n,)."""
         self.tau, self.ddq, self.dq, self._is_obeyed = tau, ddq, dq, is_obeyed
         self._start = None
 
-    def observe(self, dt: float, state: DynamicState, tau: Array | None) -> Array:
-        """Update ``external`` from the last dt [s], in which tau (n,) acted; return e (n,) of it.
+    def observe(self, dt: float, state: DynamicState) -> Array:
+        """Update ``external`` and ``drift`` from the last dt [s]; return e (n,) of that time.
 
         e = B ddq + C dq + d + g - tau, eq. (32), with ddq from the measured speeds; ``external``,
         unchanged, where these are not known.
         """
-        if not dt > 0.0 or self.dq is None or tau is None:
+        if not dt > 0.0 or self.dq is None or self.tau is None:
             return self.external
         ddq = (state.arm.dq - self.dq) / dt
-        e: Array = joint_efforts(state, ddq) - self.added(state) - tau  # (32)
+        e: Array = joint_efforts(state, ddq) - self.added(state) - self.tau  # (32)
         if self._friction is not None:
             e += self._friction.effort(state.arm.dq)
-        part = 1.0 - math.exp(-_OBSERVER_RATE * dt)
         if math.isfinite(e @ e):
+            part = 1.0 - math.exp(-_OBSERVER_RATE * dt)
             self.external = self.external + part * (e - self.external)
+        if self._is_obeyed:
+            part = 1.0 - math.exp(-dt / _DRIFT_TIME)
+            self.drift = self.drift + part * (ddq - self.ddq - self.drift)
         return e
 
-    def _estimate_drift(self, dt: float, dq: Array) -> None:
-        """Update ``drift``, unless the efforts before were cut, and so not obeyed."""
-        if self._is_obeyed and self.dq is not None and dt > 0.0:
-            more = (dq - self.dq) / dt - self.ddq
-            part = 1.0 - math.exp(-dt / _DRIFT_TIME)
-            self.drift = self.drift + part * (more - self.drift)
+    def ramped(self, dt: float, tau: Array, last: Array) -> tuple[Array, bool]:
+        """Return tau (n,) as far as the rates allow from ``last`` in dt [s]; and if they cut it."""
+        lasts = max(dt, SHORTEST) if self.tau is None else dt
+        return ramped(tau, last, self.rate * lasts)
 
-    def _limited(
-        self, lasts: float, state: DynamicState, tau: Array, added: Array, limits: JointLimits
-    ) -> tuple[Array, bool]:
-        """Return tau (n,) within the limits of the efforts and of their rates; and whether cut.
 
-        One factor cuts all joints: from C dq + g on for the limits, from the efforts that act on
-        for the rates.
-        """
-        weight, most, cut = state.C_dq + state.g, limits.effort, False
-        step = tau + added - weight
-        factor = factor_within(weight, step, most)
-        if factor < 1.0 or (np.abs(tau + added) > most).any():
-            cut = True
-            tau = np.clip(weight + factor * step, -most, most) - added
-        last = self.weight(state) if self.acting is None else self.acting
-        tau, ramped = self.ramped(lasts, tau, last)
-        return tau, cut or ramped
+@jit(types.Tuple((new_vector, b1))(vector, vector, vector))
+def cut_from(base: Array, tau: Array, most: Array) -> tuple[Array, bool]:
+    """Return tau (n,), by one factor as near to ``base`` as |tau| <= most needs; and whether cut.
 
-    def ramped(self, lasts: float, tau: Array, last: Array) -> tuple[Array, bool]:
-        """Return tau (n,) as far as the rates allow in ``lasts`` [s]; and whether they cut it."""
-        factor = factor_within(np.zeros(len(tau)), tau - last, self.rate * lasts)
-        return (last + factor * (tau - last), True) if factor < 1.0 else (tau, False)
+    Where the base itself is beyond, it is clipped.
+    """
+    factor, is_beyond = factor_within(base, tau - base, most), (np.abs(tau) > most).any()
+    if factor == 1.0 and not is_beyond:
+        return tau.copy(), False
+    return np.minimum(np.maximum(base + factor * (tau - base), -most), most), True
+
+
+@jit(types.Tuple((new_vector, b1))(vector, vector, vector))
+def ramped(tau: Array, last: Array, most: Array) -> tuple[Array, bool]:
+    """Return tau (n,) with |tau - last| <= most, by one factor; and whether it was cut."""
+    factor = factor_within(np.zeros(len(tau)), tau - last, most)
+    return (last + factor * (tau - last), True) if factor < 1.0 else (tau.copy(), False)
 
 
 def check_model(robot: Robot) -> None:

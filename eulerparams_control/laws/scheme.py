@@ -3,7 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from contextlib import suppress
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from eulerparams_control.laws.orientation import Lyapunov
 from eulerparams_control.laws.rotations import Array, angle_between, norm
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.robot import Robot, RobotState
+
+if TYPE_CHECKING:
+    from eulerparams_control.parameters.common import ControlParameters
 
 
 class JointCommand(NamedTuple):
@@ -92,15 +95,9 @@ class LoopGain(NamedTuple):
         return self.value * float((rate / self.rate) ** self.order)
 
 
-def refuse_error(desired: DesiredFrame, arm: RobotState, position: float, rotation: float) -> None:
-    """Raise FollowingError if the tip is too far from the desired frame.
-
-    Args:
-        desired: the desired frame.
-        arm: where the tip is.
-        position: [m] between them at most.
-        rotation: [rad] between them at most; pi or more: any.
-    """
+def refuse_error(desired: DesiredFrame, arm: RobotState, bounds: "ControlParameters") -> None:
+    """Raise FollowingError if the tip is farther from the desired frame than a bound allows."""
+    position, rotation = bounds.max_error_position, bounds.max_error_rotation
     distance = norm(desired.p_d - arm.p_e)
     if distance > position:
         raise FollowingError(
