@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 
-from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.jit import Array
 
 # Smallest step that is blended [rad/s or rad/s^2].
@@ -12,19 +11,9 @@ _NOTHING = 1e-12
 
 
 class Blend:
-    """The step between the last command and a new law, decaying at the rate 1 / time.
-
-    Args:
-        time: [s] of the decay.
-        n: number of values of a command.
-
-    Raises:
-        ConfigurationError: if the time is not positive.
-    """
+    """The step between the last command (n,) and a new law, decaying at the rate 1 / time [1/s]."""
 
     def __init__(self, time: float, n: int) -> None:
-        if not 0 < time < math.inf:
-            raise ConfigurationError(f"blend_time is {time}; expected a positive time")
         self._time, self._step = time, np.zeros(n)
         self.reset()
 
@@ -38,7 +27,7 @@ class Blend:
         self._last = last.copy()
 
     def __call__(self, dt: float, command: Array) -> Array:
-        """Return a command (n,) with what is left of its step, dt [s] after the command before.
+        """Return a command (n,) with what is left of the step, dt [s] after the command before.
 
         The step begins without a jump.  It decays through further changes: laws that are replaced
         at each tick must act in the end.  The next command is of the same law after ``keep``.

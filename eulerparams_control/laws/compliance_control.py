@@ -34,7 +34,7 @@ from eulerparams_control.laws.jit import f8, jit, matrix, new_matrix, new_vector
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import Lyapunov
 from eulerparams_control.laws.rotations import Array, dot, norm, solve, turn
-from eulerparams_control.laws.scheme import JointCommand, LoopGain, Tick
+from eulerparams_control.laws.scheme import LoopGain, Tick
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.robot import DynamicState
 
@@ -218,12 +218,9 @@ def release_margin(
 
 @jit(f8(vector, vector, vector, vector, f8, f8))
 def release_share(v: Array, a: Array, b: Array, most: Array, time: float, tick: float) -> float:
-    """Return the least :func:`release_margin` of both parts.
+    """Return the least :func:`release_margin` of both parts of a tip with the velocity v (6,).
 
-    Args:
-        v: (6,) velocity of the tip; most: (2,) its largest speeds.
-        a: (6,) its acceleration by the whole pull; b: (6,) by the dampers at the velocity a.
-        time, tick: as there.
+    The whole pull accelerates it by a (6,), and at the velocity a dampers brake it by b (6,).
     """
     share = 1.0
     for part in range(2):
@@ -260,10 +257,7 @@ def brake(v: Array, most: Array, rate: float, mobility: Array) -> Array:
 def _lowered(before: float, margin: float, stretch: float) -> float:
     """Return by which part the clips are lowered next, from that before.
 
-    Args:
-        before: the part until now.
-        margin: the part of the pull that may act on a tip at rest.
-        stretch: of the springs.
+    ``margin`` is the part of the pull that may act on a tip at rest.
     """
     if margin < 1.0:
         return 1.0 - (1.0 - before) * margin * min(1.0, stretch)
@@ -277,8 +271,7 @@ class SpringDamperState(NamedTuple):
     """State of springs and dampers in a tick: its ``effects``.
 
     Attributes:
-        f, mu: (3,) [N], [Nm] of the springs on the tip.
-        energy: [J] of them.
+        f, mu, energy: of the springs, see :class:`SpringWrench`.
         dissipated: [W] by the dampers, the brake, and by what is drawn less.
         excess: see :class:`Tick`.
         lowered: by which part the clips are lower than stated, from the next tick on.
@@ -346,18 +339,10 @@ class ComplianceControl(EffortControl):
         super()._forget_x()
         self.lowered = 0.0
 
-    def _release(self) -> None:
+    def _leave_the_law(self, q: Array) -> None:
+        super()._leave_the_law(q)
         self._wanted = self.fed = _NO_FORCE
         self.springs: tuple[Elasticity, float] | None = None
-
-    def _restart(self, q: Array) -> None:
-        self._release()
-        super()._restart(q)
-
-    def hold(self, dt: float, q: Array, dq: Array, w: Array | None = None) -> JointCommand:
-        """Return efforts that stop the joints, and hold them there; no force is added then."""
-        self._release()
-        return super().hold(dt, q, dq, w)
 
     def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
         """Return the efforts for this instant, with the force that is added.

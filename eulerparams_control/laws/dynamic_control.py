@@ -77,12 +77,6 @@ def resolved_acceleration(
 class EffortControl(Scheme):
     """Base of the schemes that command efforts: inverse dynamics, limits, and the hold.
 
-    Attributes:
-        parameters: in force; see :meth:`change`.
-        orientation: the representation.
-        dynamics: inverse dynamics, with the efforts before.
-        limits: of the joints; None if there are none.
-
     Raises:
         ConfigurationError: if the posture or the friction has the wrong size.
         RobotError: if the model of the robot cannot give its efforts.
@@ -123,11 +117,7 @@ class EffortControl(Scheme):
         return self.limits
 
     def change(self, parameters: "EffortParameters") -> None:
-        """Go over to other parameters, without a jump of the command.
-
-        Raises:
-            ConfigurationError: if the posture or the friction has the wrong size.
-        """
+        """Go over to other parameters, without a jump of the command."""
         orientation = self.orientation
         self._take(parameters)
         if self.orientation != orientation:
@@ -164,16 +154,17 @@ class EffortControl(Scheme):
         """Begin at the measured q (n,)."""
         self.dynamics.reset()
         self._contact = NO_CONTACT
-        self._restart(q.copy())
+        self.resume(q)
 
     def resume(self, q: Array) -> None:
         """Begin at the measured q (n,), with the efforts and the contact as they are."""
         self.dynamics.resume()
-        self._restart(q.copy())
-
-    def _restart(self, q: Array) -> None:
-        self._q, self._saturated = q, False
         self._hold: JointHold | None = None
+        self._saturated = False
+        self._leave_the_law(q.copy())
+
+    def _leave_the_law(self, q: Array) -> None:
+        self._q = q
         self._forget_x()
         self._blend.reset()
 
@@ -183,13 +174,11 @@ class EffortControl(Scheme):
         It needs no orientation.  Friction, which helps to stop, is not compensated.
 
         Args:
-            dt, q, dq: as :meth:`tick` takes them.
+            dt, q, dq: as for :meth:`tick`.
             w: (6,) the contact as it is measured, base frame, about the tip; or None.
         """
         state, dynamics = self.robot.dynamic_state(q, dq), self.dynamics
-        self._q = q
-        self._forget_x()
-        self._blend.reset()
+        self._leave_the_law(state.arm.q)
         added = dynamics.added(state)
         last = dynamics.acting(state.C_dq + state.g - added)
         e_now = dynamics.observe(dt, state)
@@ -241,9 +230,6 @@ class EffortControl(Scheme):
             state: of the arm.
             desired: the desired frame.
             h: (6,) [N, Nm] what the end effector exerts on the environment; or None.
-
-        Raises:
-            SingularityError, FollowingError: as :meth:`tick`.
         """
         arm, dynamics = state.arm, self.dynamics
         self._q, self._hold = arm.q, None
@@ -272,8 +258,7 @@ class EffortControl(Scheme):
 
         Args:
             dt: [s] since the tick before.
-            arm: of this tick.
-            desired: the frame that leads the arm.
+            arm, desired: the arm, and the frame that leads it.
             force: (3,) [N] of the contact on the tip as it is measured; None: it is estimated.
             presses: whether the arm is commanded to exert a force.
         """

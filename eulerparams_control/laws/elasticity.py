@@ -27,20 +27,13 @@ _TINY = 1e-12
 
 
 class SpringWrench(NamedTuple):
-    """The elastic wrench at a displacement.
+    """The elastic wrench at a displacement."""
 
-    Attributes:
-        f, mu: (3,) [N], [Nm] on the tip: minus the gradient of the energy.
-        energy: [J], that of the clipped springs.
-        stretch: of the more stretched one; 1 where it is clipped.
-        F: (6, 6) of the stiffness F F' that is damped there.
-    """
-
-    f: Array
-    mu: Array
-    energy: float
-    stretch: float
-    F: Array
+    f: Array  # (3,) [N] on the tip: minus the gradient of the energy
+    mu: Array  # (3,) [Nm]
+    energy: float  # [J] of the clipped springs
+    stretch: float  # of the more stretched one; 1 where it is clipped
+    F: Array  # (6, 6) of the stiffness F F' that is damped there
 
 
 class Elasticity:
@@ -85,9 +78,6 @@ class Elasticity:
         """Return the elastic wrench on a tip at p_e (3,), R_e (3, 3).
 
         Clips are at the part ``clip_share`` of where they are stated.
-
-        Raises:
-            SingularityError: if the representation has no finite answer.
         """
         R_d, dp_de, F = desired.R_d, desired.p_d - p_e, np.zeros((6, 6))  # (21)
         f = self.stiffness(R_d) @ dp_de

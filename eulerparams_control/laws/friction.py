@@ -11,18 +11,10 @@ from eulerparams_control.robot.urdf import COULOMB_SPEED
 
 @dataclass(frozen=True)
 class JointFriction:
-    """Friction of n joints.
+    """Friction of n joints; raises ConfigurationError unless all are finite and 0 or more."""
 
-    Attributes:
-        viscous: (n,) [Nm s/rad].
-        coulomb: (n,) [Nm].
-
-    Raises:
-        ConfigurationError: if one is not a finite number of 0 or more.
-    """
-
-    viscous: Array
-    coulomb: Array
+    viscous: Array  # (n,) [Nm s/rad]
+    coulomb: Array  # (n,) [Nm]
 
     def __post_init__(self) -> None:
         for name in ("viscous", "coulomb"):

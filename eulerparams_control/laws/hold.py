@@ -117,13 +117,12 @@ class _Phase(Enum):
 class JointHold:
     """Brakes the joints, and holds them where they stop.
 
+    Where nothing is touched they brake within their accelerations.
+
     Args:
-        limits: of the joints; they brake within their accelerations where nothing is touched.
-        rate: (n,) [Nm/s] at which the efforts may change.
+        limits, rate: see :meth:`bound`.
         length: [m] characteristic length of the arm.
-        state: of the arm when this begins.
-        e: (n,) as it is estimated then.
-        w: the contact as it is measured, or None.
+        state, e, w: the arm when this begins, and the contact as it is estimated and measured.
         drove_in: whether the arm drove into what it touches: that is let go.
     """
 
@@ -173,9 +172,8 @@ class JointHold:
 
         Args:
             dt: [s] since the state before.
-            state: of the arm.
+            state, w: of the arm, and the contact as it is measured, or None.
             e_now: (n,) over that time; e: the same, estimated over some more.
-            w: the contact as it is measured, or None.
         """
         arm, B, E = state.arm, state.B, self._E
         self._period += (dt - self._period) * (0.1 if self._period > 0 else 1.0)

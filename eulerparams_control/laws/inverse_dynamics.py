@@ -72,11 +72,7 @@ class InverseDynamics:
         self.reset()
 
     def take(self, parameters: "EffortParameters") -> None:
-        """Go over to other parameters; if they are refused, the ones before stay in force.
-
-        Raises:
-            ConfigurationError: if a value a joint is not there for each.
-        """
+        """Go over to other parameters; if they are refused, the ones before stay in force."""
         robot = self.robot
         friction, posture = parameters.friction_of(robot), parameters.posture_of(robot)
         rate = parameters.effort_rate(robot)
@@ -148,9 +144,6 @@ class InverseDynamics:
             ddq: (n,) wanted.
             h: (6,) or None: nothing is touched.
             limits: of the accelerations and efforts; None: there are none.
-
-        Raises:
-            SingularityError: if the efforts are not finite.
         """
         arm, slowed, cut, is_ramped = state.arm, False, False, False
         self.observe(dt, state)
@@ -197,7 +190,8 @@ class InverseDynamics:
     def ramped(self, dt: float, tau: Array, last: Array) -> tuple[Array, bool]:
         """Return tau (n,) as far as the rates allow from ``last`` in dt [s]; and if they cut it."""
         lasts = max(dt, SHORTEST) if self.tau is None else dt
-        return ramped(tau, last, self.rate * lasts)
+        change, is_cut = cut_from(self._zero, tau - last, self.rate * lasts)
+        return last + change, is_cut
 
 
 @jit(types.Tuple((new_vector, b1))(vector, vector, vector))
@@ -210,13 +204,6 @@ def cut_from(base: Array, tau: Array, most: Array) -> tuple[Array, bool]:
     if factor == 1.0 and not is_beyond:
         return tau.copy(), False
     return np.minimum(np.maximum(base + factor * (tau - base), -most), most), True
-
-
-@jit(types.Tuple((new_vector, b1))(vector, vector, vector))
-def ramped(tau: Array, last: Array, most: Array) -> tuple[Array, bool]:
-    """Return tau (n,) with |tau - last| <= most, by one factor; and whether it was cut."""
-    factor = factor_within(np.zeros(len(tau)), tau - last, most)
-    return (last + factor * (tau - last), True) if factor < 1.0 else (tau.copy(), False)
 
 
 def check_model(robot: Robot) -> None:

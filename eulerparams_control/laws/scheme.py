@@ -19,39 +19,25 @@ if TYPE_CHECKING:
 
 
 class JointCommand(NamedTuple):
-    """Command of a scheme to the joints; None for what it does not command.
+    """Command of a scheme to the joints; None for what it does not command."""
 
-    Attributes:
-        q: (n,) positions [rad or m].
-        dq: (n,) velocities [rad/s or m/s].
-        effort: (n,) efforts [Nm or N].
-        frame: the compliant frame of the tip.
-    """
-
-    q: Array | None = None
-    dq: Array | None = None
-    effort: Array | None = None
-    frame: DesiredFrame | None = None
+    q: Array | None = None  # (n,) [rad or m]
+    dq: Array | None = None  # (n,) [rad/s or m/s]
+    effort: Array | None = None  # (n,) [Nm or N]
+    frame: DesiredFrame | None = None  # the compliant frame of the tip
 
 
 class Bounds(NamedTuple):
-    """Bounds on the commands of a scheme, whatever its law.
-
-    Attributes:
-        joints: limits of the joints; None if there are none.
-        effort_rate: [Nm/s] of each effort, or (n,).
-    """
+    """Bounds on the commands of a scheme, whatever its law."""
 
     joints: JointLimits | None
-    effort_rate: Array | float = math.inf
+    effort_rate: Array | float = math.inf  # [Nm/s] of each effort, or (n,)
 
 
 class Tick(NamedTuple):
     """One tick of a scheme.
 
     Attributes:
-        command: for the joints.
-        desired: the desired frame.
         state: kinematics of the arm on which the loop was closed.
         x_de: orientation displacement of the representation, eqs. (22), (27).
         saturated: whether a limit changed the command.
@@ -77,18 +63,12 @@ class Tick(NamedTuple):
 
 
 class LoopGain(NamedTuple):
-    """A gain, and how fast the loop is that it closes.
-
-    Attributes:
-        name, value: of the gain.
-        rate: [1/s] of the loop.
-        order: the rate goes as the gain to the power of 1 / order.
-    """
+    """A gain, and how fast the loop is that it closes."""
 
     name: str
     value: float
-    rate: float
-    order: int = 1
+    rate: float  # [1/s] of the loop
+    order: int = 1  # the rate goes as the gain to the power of 1 / order
 
     def at(self, rate: float) -> float:
         """Return the gain with which the loop has another rate [1/s]."""
@@ -121,7 +101,6 @@ class Scheme(ABC):
     """A control scheme of the paper, with its unavoidable state.
 
     Attributes:
-        robot: the arm.
         is_frozen: whether the desired motion has to wait: what it needs is not known.
         loop_rate: [1/s] of the loop of the fastest gain; 0 if no loop is closed here.
     """
@@ -173,12 +152,7 @@ class Scheme(ABC):
 
     @abstractmethod
     def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
-        """Return the command that holds the arm still, also where the law has failed.
-
-        Args:
-            dt: [s] since the command before.
-            q, dq: (n,) measured now.
-        """
+        """Return the command that holds the arm still, also where the law has failed."""
 
     @property
     def fastest_gain(self) -> LoopGain | None:
