@@ -72,8 +72,8 @@ class TipWrench(NamedTuple):
     """What drives the tip where nothing bounds it, and how the tip answers.
 
     Attributes:
-        springs: the elastic wrench; w (6,) [N, Nm] the same as one vector.
-        damping: (6,) [N, Nm] of the dampers D = F E.
+        springs: the elastic wrench, with F; w: (6,) [N, Nm] the same as one vector.
+        damping: (6,) [N, Nm] of the dampers, D = F E.
         rate: [1/s] of the fastest mode.
         turning: the part of the elastic energy of that mode that is rotational.
         M: (n, 6) B^-1 J', by which a wrench accelerates the joints.
@@ -140,11 +140,8 @@ def modal_damping(
     Of F' Lambda^-1 F = Y diag(omega^2) Y'; of that mode the rate [1/s], and the part of its energy
     that is rotational.
     """
-    modes, Y, E = (
-        matrix_product(F.T, matrix_product(mobility, F)),
-        np.empty((6, 6)),
-        np.zeros((6, 6)),
-    )
+    modes = matrix_product(F.T, matrix_product(mobility, F))
+    Y, E = np.empty((6, 6)), np.zeros((6, 6))
     symmetric_modes(modes, Y)
     forces, rate, turning = matrix_product(F, Y), 0.0, 0.0
     for i in range(6):

@@ -200,7 +200,8 @@ class EffortControl(Scheme):
 
     def last_command(self, q: Array, dq: Array) -> JointCommand:
         """Return the gravitational efforts at q (n,): nothing in them gets stale."""
-        tau = self.dynamics.weight(self.robot.dynamic_state(q, np.zeros_like(q)))
+        state = self.robot.dynamic_state(q, np.zeros_like(q))  # C dq = 0
+        tau = state.g - self.dynamics.added(state)
         return JointCommand(effort=self.robot.limits.limit_effort(tau)[0])
 
     def start_frame(self) -> DesiredFrame:

@@ -40,7 +40,6 @@ class Elasticity:
     """Springs between the tip and the desired frame.
 
     Args:
-        orientation: the representation of the rotational displacement.
         K_p, K_o: (3, 3) stiffness [N/m], [Nm/rad], symmetric, positive semidefinite.
         clip_position, clip_rotation: [m], [rad] of displacement along the stiffest axis from which
             the spring pulls no more; along one of the stiffness k it is sqrt(k_max / k) as far.

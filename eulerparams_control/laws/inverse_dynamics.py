@@ -108,10 +108,6 @@ class InverseDynamics:
             added = added + state.g
         return added if p.compensate_coriolis else added + state.C_dq
 
-    def weight(self, state: DynamicState) -> Array:
-        """Return the gravitational efforts (n,) to command: none if the robot adds them itself."""
-        return state.g if self._parameters.compensate_gravity else self._zero
-
     def acting(self, unknown: Array) -> Array:
         """Return the efforts (n,) that act until the next ones; ``unknown`` if nobody knows."""
         acting = self._start if self.tau is None else self.tau
@@ -158,7 +154,8 @@ class InverseDynamics:
             tau, cut = cut_from(state.C_dq + state.g, tau, limits.effort)
         tau = tau - self.added(state)
         if limits is not None:
-            tau, is_ramped = self.ramped(dt, tau, self.acting(self.weight(state)))
+            weight = state.g if self._parameters.compensate_gravity else self._zero
+            tau, is_ramped = self.ramped(dt, tau, self.acting(weight))
         self.keep(tau, ddq, arm.dq, is_obeyed=not (cut or is_ramped))
         return slowed or cut or is_ramped
 
