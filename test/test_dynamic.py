@@ -9,21 +9,10 @@ from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 
+import arms
 import numpy as np
 import pytest
-from arms import (
-    HOME,
-    STILL,
-    UR5,
-    Plant,
-    begun,
-    clik,
-    displaced,
-    dynamic_control,
-    pose_of,
-    robot_named,
-    robot_of,
-)
+from arms import HOME, STILL, UR5, Plant, displaced, pose_of, robot_named, robot_of
 from samples import about, generator
 from tolerances import ALGEBRAIC, ERROR_EQUATION, NO_JUMP, NULL_SPACE, RELATIVE, assert_close
 
@@ -57,7 +46,8 @@ VISCOUS, COULOMB = (0.5, 0.4, 0.3, 0.2, 0.1, 0.05), tuple(np.arange(6) / 3)
 FRICTION = {"compensate_friction": True, "friction_viscous": VISCOUS, "friction_coulomb": COULOMB}
 
 # The sequence is far from its pole at the home of the UR5.
-limited = partial(dynamic_control, euler_sequence="ZYX")
+clik = partial(arms.clik, euler_sequence="ZYX")
+limited = partial(arms.dynamic_control, euler_sequence="ZYX")
 free = partial(limited, limited=False)
 
 
@@ -66,10 +56,16 @@ def change(scheme, **values):
     scheme.change(replace(scheme.parameters, **values))
 
 
+def value(tick):
+    """Return the velocities or the efforts (n,) that a tick commands."""
+    return tick.command.dq if tick.command.effort is None else tick.command.effort
+
+
 def law_alone(scheme, tick):
-    """Return the efforts (n,) of the law of a scheme for a tick: no limits, nothing before."""
-    alone = begun(replace(scheme.parameters, enforce_limits=False), robot=scheme.robot)
-    return alone.tick(0.0, tick.state.q, tick.state.dq, tick.desired).command.effort
+    """Return the ``value`` of the law of a scheme for a tick: no limits, nothing before."""
+    state, parameters = tick.state, replace(scheme.parameters, enforce_limits=False)
+    alone = arms.begun(parameters, q=state.q, robot=scheme.robot)
+    return value(alone.tick(0.0, state.q, state.dq, tick.desired))
 
 
 def gravity(q=HOME):
@@ -176,7 +172,7 @@ def lead_round(scheme, *angles):
     home = pose_of(UR5, HOME)
     for angle in angles:
         turned = home._replace(R_d=about(2, angle) @ home.R_d)
-        tick = scheme.tick(DT, HOME, STILL, turned)
+        tick = scheme.tick(0.0, HOME, STILL, turned)
     return turned, tick
 
 
@@ -199,22 +195,28 @@ def test_a_reset_and_a_hold_forget_the_displacement_of_before_and_end_a_blend(in
     assert_close(tick.command.effort, law_alone(scheme, tick), NULL_SPACE)
 
 
-def test_a_law_without_a_finite_answer_is_told_and_nothing_kept():
-    schemes, goal = [limited() for _ in range(2)], displaced()
+@pytest.mark.parametrize(
+    ("make", "beyond", "words"),
+    [
+        (clik, {"p_d": np.array([math.inf, 0, 0])}, "infinite joint velocity"),
+        (limited, {"ddp_d": np.array([1e200, 0, 0])}, "infinite acceleration of the tip"),
+    ],
+)
+def test_a_law_without_a_finite_answer_is_told_and_nothing_kept(make, beyond, words):
+    schemes, goal = [make() for _ in range(2)], displaced()
     for scheme in schemes:
         scheme.tick(DT, HOME, STILL, goal)
-    far = goal._replace(ddp_d=np.array([1e200, 0, 0]))
-    q, lost, _ = at_the_wrist_singularity()
-    undamped = free(damping_eps=0.0, q=q)
-    beyond = pose_of(UR5, q)._replace(ddp_d=1e150 * lost[:3], domega_d=1e150 * lost[3:])
-    for scheme, at, frame, words in (
-        (schemes[1], HOME, far, "infinite acceleration"),
-        (undamped, q, beyond, "infinite joint"),
-    ):
-        with np.errstate(all="ignore"), pytest.raises(SingularityError, match=words):
-            scheme.tick(DT, at, STILL, frame)
+    with np.errstate(all="ignore"), pytest.raises(SingularityError, match=words):
+        schemes[1].tick(DT, HOME, STILL, goal._replace(**beyond))
     expected, tick = (scheme.tick(DT, HOME, STILL, displaced(0.05)) for scheme in schemes)
-    np.testing.assert_array_equal(tick.command.effort, expected.command.effort)
+    np.testing.assert_equal(tick.command, expected.command)
+
+
+def test_at_a_singularity_an_undamped_law_asks_for_what_is_not_finite_and_is_refused():
+    q, lost, _ = at_the_wrist_singularity()
+    beyond = pose_of(UR5, q)._replace(ddp_d=1e150 * lost[:3], domega_d=1e150 * lost[3:])
+    with np.errstate(all="ignore"), pytest.raises(SingularityError, match="infinite joint"):
+        free(damping_eps=0.0, q=q).tick(DT, q, STILL, beyond)
 
 
 # --- limits --------------------------------------------------------------------------------
@@ -385,15 +387,21 @@ def test_efforts_begin_at_what_acts_and_ramp_each_at_its_rate(reported, compensa
 
 
 # --- another law ---------------------------------------------------------------------------
+@pytest.mark.parametrize(("make", "jump"), [(clik, 0.1), (free, 5)])
 @pytest.mark.parametrize("before", ORIENTATIONS)
 @pytest.mark.parametrize("after", ORIENTATIONS)
-def test_a_law_is_replaced_by_another_without_a_jump_of_the_effort(before, after):
-    scheme, goal, (q, dq) = free(before, k_Po=100.0), displaced(), samples()[0][:2]
-    last = scheme.tick(DT, q, dq, goal).command.effort
-    change(scheme, orientation=after, k_Po=900.0, k_Pp=900.0)
+def test_a_law_is_replaced_by_another_without_a_jump_and_acts_in_the_end(make, jump, before, after):
+    scheme, goal, (q, dq) = make(before, k_Po=10.0), displaced(), samples()[0][:2]
+    scheme.reset(q)
+    for _ in range(5):
+        last = scheme.tick(DT, q, dq, goal)
+    change(scheme, orientation=after, k_Po=90.0, k_Pp=90.0)
     tick = scheme.tick(DT, q, dq, goal)
-    assert_close(tick.command.effort, last, NO_JUMP)
-    assert np.abs(law_alone(scheme, tick) - last).max() > 5  # there was something to jump
+    assert_close(value(tick), value(last), NO_JUMP)
+    assert np.abs(law_alone(scheme, tick) - value(last)).max() > jump  # there was something to jump
+    for _ in range(300):
+        tick = scheme.tick(0.01, q, dq, goal)
+    assert_close(value(tick), law_alone(scheme, tick), NO_JUMP)
 
 
 def test_a_blend_of_the_acceleration_decays_exponentially_to_the_new_law_and_dynamics():
@@ -409,14 +417,16 @@ def test_a_blend_of_the_acceleration_decays_exponentially_to_the_new_law_and_dyn
     assert_close(offsets, np.exp([[0.0], [-0.5], [-1.0]]) * offsets[0], 100 * NO_JUMP)
 
 
-@pytest.mark.parametrize("sign", ["continuous", "hysteretic"])
-def test_a_law_keeps_to_the_long_way_round_unless_its_rule_for_the_sign_changes(sign):
-    scheme = free(quaternion_sign="continuous")
+@pytest.mark.parametrize("make", [clik, free])
+@pytest.mark.parametrize(("sign", "kept"), [("continuous", 1), ("hysteretic", -1)])
+def test_a_law_keeps_to_the_long_way_round_unless_its_rule_for_the_sign_changes(make, sign, kept):
+    scheme = make(quaternion_sign="continuous")
     turned, before = lead_round(scheme, 2.0, 3.0, 3.5)  # within the hysteresis of the other
     assert before.x_de.Q_de.eta < 0
     change(scheme, k_Po=900.0, quaternion_sign=sign)
-    eta = scheme.tick(DT, HOME, STILL, turned).x_de.Q_de.eta
-    assert eta == (1 if sign == "continuous" else -1) * before.x_de.Q_de.eta
+    tick = scheme.tick(0.0, HOME, STILL, turned)
+    assert tick.x_de.Q_de.eta == kept * before.x_de.Q_de.eta
+    assert_close(value(tick), value(before), NO_JUMP)
 
 
 def test_of_a_law_that_saturates_nothing_goes_on():
@@ -545,8 +555,7 @@ def test_the_posture_is_the_same_by_any_turn(make):
     values = []
     for measured in (q, q + TURN, q - TURN):
         scheme.reset(measured)
-        command = scheme.tick(DT, measured, np.zeros(7), desired).command
-        values.append(command.dq if command.effort is None else command.effort)
+        values.append(value(scheme.tick(DT, measured, np.zeros(7), desired)))
     assert_close(values[1:], [values[0]] * 2, 1e-9)
 
 
@@ -572,7 +581,7 @@ def test_an_impossible_friction_is_refused_with_its_name_and_value(name, value):
         JointFriction(**values)
 
 
-OF_CLIK = {"posture": 5 * (0.0,), "max_joint_acceleration": 2 * (1.0,)}
+OF_CLIK = {"posture": 5 * (0.0,), "max_joint_acceleration": 7 * (1.0,)}
 OF_EFFORTS = {
     "friction_viscous": 2 * (1.0,),
     "friction_coulomb": 7 * (1.0,),
