@@ -287,23 +287,16 @@ ERRORS = {
 }
 
 
-@pytest.mark.parametrize(
-    ("name", "sequence", "k_Po"),
-    [*product(ORIENTATIONS, ["XYZ"], (0.0, K, 3 * K)), *product(OF_ANGLES, SEQUENCES, [K])],
-)
-def test_along_the_velocity_the_error_decays_at_the_gain(name, sequence, k_Po):
-    law = make(name, sequence)
-    for m in regular_motions(law):  # eqs. (26), (29)
-        omega_e = omega_of(law, m.R_d, m.R_e, m.omega_d, k_Po)
-        x, dx, _ = ERRORS[name](m, omega_e, REST, sequence)
-        tol.assert_close(dx + k_Po * x, 0, tol.ERROR_EQUATION)
+def assert_obeys_its_equations(law, m, gains=GAINS):
+    """Assert dx + k_Po x = 0 along omega_e of the law, and, eq. (35), along domega_e = a_o
 
-
-def assert_second_order(law, m, gains=GAINS):
-    """Assert ddx + k_Vo dx + k_Po x = 0 along domega_e = a_o, eq. (35)."""
-    a_o, (k_Po, k_Vo) = a_o_of(law, m, *gains), gains
-    x, dx, ddx = ERRORS[law.name](m, m.omega_e, a_o, law.options.sequence.name)
-    tol.assert_close(ddx + k_Vo * dx + k_Po * x, 0, tol.ERROR_EQUATION)
+    ddx + k_Vo dx + k_Po x = 0.
+    """
+    error, sequence, (k_Po, k_Vo) = ERRORS[law.name], law.options.sequence.name, gains
+    x, dx, _ = error(m, omega_of(law, m.R_d, m.R_e, m.omega_d, k_Po), REST, sequence)
+    tol.assert_close(dx + k_Po * x, 0, tol.ERROR_EQUATION)  # (26), (29)
+    x, dx, ddx = error(m, m.omega_e, a_o_of(law, m, *gains), sequence)
+    tol.assert_close(ddx + k_Vo * dx + k_Po * x, 0, tol.ERROR_EQUATION)  # (39), (41)
 
 
 @pytest.mark.parametrize(
@@ -313,10 +306,12 @@ def assert_second_order(law, m, gains=GAINS):
         *product(OF_ANGLES, SEQUENCES, [GAINS]),
     ],
 )
-def test_along_the_acceleration_the_error_obeys_its_equation(name, sequence, gains):  # (39), (41)
+def test_along_the_velocity_and_the_acceleration_the_error_obeys_its_equation(
+    name, sequence, gains
+):
     law = make(name, sequence)
     for m in regular_motions(law):
-        assert_second_order(law, m, gains)
+        assert_obeys_its_equations(law, m, gains)
 
 
 @pytest.mark.parametrize(
@@ -327,9 +322,9 @@ def test_along_the_acceleration_the_error_obeys_its_equation(name, sequence, gai
         *product(HAS_A_SIGN, (3.0, math.pi - 1e-4)),
     ],
 )
-def test_small_errors_and_those_near_90_and_180_degrees_obey_their_equation(name, theta):  # (41)
+def test_small_errors_and_those_near_90_and_180_degrees_obey_their_equation(name, theta):
     for m in moving([theta] * 20, clear_of_poles("XYZ", 20)):
-        assert_second_order(make(name), m)
+        assert_obeys_its_equations(make(name), m)
 
 
 @pytest.mark.parametrize("name", HAS_A_SIGN)

@@ -9,7 +9,8 @@ from arms import pose_of as tip_pose
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Transform, Twist, Vector3
 from samples import about, generator
-from test_shaper import LIMITS, Motion, assert_within
+from test_shaper import LIMITS, Motion, assert_at, assert_rests, assert_within
+from tolerances import assert_close
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from eulerparams_control.control.controller import Controller, ControllerOptions
@@ -114,18 +115,6 @@ def is_passed(motion, k, pose):
     return np.linalg.norm(e_p - dt * v) < NEAR[0] and np.linalg.norm(e_o - dt * w) < NEAR[1]
 
 
-def assert_ends_at(motion, pose):
-    assert np.linalg.norm(motion.p[-1] - pose.p_d) < 1e-9
-    assert angle_between(motion.R[-1], pose.R_d) < 1e-7
-    assert not motion.v[-1].any()
-    assert not motion.w[-1].any()
-
-
-def ripple(speeds, nominal):
-    """Return the largest part by which speeds are away from the nominal one."""
-    return np.abs(speeds / nominal - 1).max()
-
-
 def line(count, step, turn=0.0):
     """Return poses on a line along y, ``step`` [m] and ``turn`` [rad] apart."""
     return [posed(k * step * Y, k * turn * X) for k in range(count)]
@@ -151,13 +140,12 @@ def test_chunks_of_a_policy_that_replace_each_other_pass_at_speed(hz, replaced, 
     motion = Arm().run(5.5, events).motion
     assert_within(motion)
     going = slice(int(1.5 * RATE), int(2.9 * RATE))
-    assert ripple(np.linalg.norm(motion.v[going], axis=1), 0.1) < 0.05
+    assert_close(np.linalg.norm(motion.v[going], axis=1), 0.1, 0.005)
     assert motion.shaper.leap is None
     t = np.arange(going.start, going.stop) / RATE - 0.1
     away = [np.linalg.norm(p - path(s).p_d) for p, s in zip(motion.p[going], t, strict=True)]
     assert max(away) < 0.001  # on time
-    assert not motion.v[-1].any()  # the last one has no successor
-    assert not motion.w[-1].any()
+    assert_rests(motion)  # the last one has no successor
 
 
 @pytest.mark.parametrize("times", [[1.0, 2.0, 3.0, 4.0], [0.0, 2.0, 2.5, 4.0]])
@@ -175,7 +163,7 @@ def test_poses_within_the_limits_are_passed_at_their_times_and_rest_is_at_the_en
         assert angle_between(motion.R[k], pose.R_d) < NEAR[1]
     for t in times[1:-1]:
         assert np.linalg.norm(motion.v[round(t * RATE)]) > 0.01
-    assert_ends_at(motion, poses[-1])
+    assert_at(motion, poses[-1])
     assert motion.shaper.slowed == 1.0
 
 
@@ -187,7 +175,7 @@ def test_points_whose_velocities_are_0_rest_there():
     motion = arm.run(3.5).motion
     assert_within(motion)
     assert not motion.v[RATE].any()
-    np.testing.assert_allclose(motion.v[2 * RATE], 0.02 * Y, atol=1e-12)
+    assert_close(motion.v[2 * RATE], 0.02 * Y)
     assert_passes(motion, poses)
 
 
@@ -210,7 +198,7 @@ def test_poses_without_times_are_passed_as_fast_as_the_limits_allow(poses, most,
     motion = arm.run(most).motion
     assert_within(motion)
     assert_passes(motion, poses)
-    assert_ends_at(motion, poses[-1])
+    assert_at(motion, poses[-1])
     used = max(
         np.linalg.norm(rates, axis=1).max() / speed
         for rates, speed in zip((motion.v, motion.w), LIMITS.speeds, strict=True)
@@ -233,33 +221,31 @@ def test_the_way_to_the_first_pose_without_a_time_belongs_to_the_path():
     motion = arm.run(2.5).motion
     assert_within(motion)
     assert_passes(motion, further[2:])  # once it is met
-    assert_ends_at(motion, further[-1])
+    assert_at(motion, further[-1])
 
 
 # --- what is refused, or comes late -------------------------------------------------------
 @pytest.mark.parametrize(
-    ("times", "twists", "words"),
+    ("times", "twists", "limits", "words"),
     [
-        ([0.0, 0.0, 1.0, 2.0], None, r"that of point 1 .* is 0 s after 0 s"),
-        ([0.0, 1.0, 0.5, 2.0], None, r"that of point 2 .* is 0\.5 s after 1 s"),
-        ([0.0, 1.0, 2.0, 0.0], None, r"that of point 3 .* is 0 s after 2 s"),
-        ([0.0, 1.0, 1.0 + 1e-9, 2.0], None, r"point 2 .* comes 1e-09 s after the one before"),
-        ([0.0] * 4, [None, None, 0.1 * Y, None], r"point 2 .* has a velocity, and no point has a"),
+        ([0.0, 0.0, 1.0, 2.0], None, LIMITS, r"that of point 1 .* is 0 s after 0 s"),
+        ([0.0, 1.0, 0.5, 2.0], None, LIMITS, r"that of point 2 .* is 0\.5 s after 1 s"),
+        ([0.0, 1.0, 2.0, 0.0], None, LIMITS, r"that of point 3 .* is 0 s after 2 s"),
+        ([0.0, 1.0, 1.0 + 1e-9, 2.0], None, LIMITS, r"point 2 .* comes 1e-09 s after the one bef"),
+        (None, [None, None, Y, None], LIMITS, r"point 2 .* has a velocity, and no point has a"),
+        (None, None, None, "give each point a time_from_start"),
     ],
 )
-def test_impossible_times_are_refused_with_the_first_wrong_point(times, twists, words):
-    arm = Arm()
+def test_impossible_times_are_refused_with_the_first_wrong_point(times, twists, limits, words):
     with pytest.raises(InvalidMessageError, match=words):
-        arm.send(message(line(4, 0.01), times, twists=twists))
+        Arm(limits=limits).send(message(line(4, 0.01), times, twists=twists))
 
 
-def test_accelerations_without_velocities_and_times_without_limits_are_refused():
+def test_accelerations_without_velocities_are_refused():
     msg = message(line(4, 0.01), [0.0, 1.0, 2.0, 3.0])
     msg.points[2].accelerations = [Twist()]
     with pytest.raises(InvalidMessageError, match="has accelerations, and no velocities"):
         Arm().send(msg)
-    with pytest.raises(InvalidMessageError, match="give each point a time_from_start"):
-        Arm(limits=None).send(message(line(4, 0.01)))
 
 
 def test_a_chunk_that_is_too_late_is_refused_and_one_that_comes_again_changes_nothing():
@@ -272,7 +258,7 @@ def test_a_chunk_that_is_too_late_is_refused_and_one_that_comes_again_changes_no
     motion = arm.run(6.0, again).motion
     assert_within(motion)
     assert_passes(motion, [poses[0], *poses[10:]])
-    assert_ends_at(motion, poses[-1])
+    assert_at(motion, poses[-1])
 
 
 # --- the spline ---------------------------------------------------------------------------

@@ -122,10 +122,14 @@ ARMS = {
     "another order": (with_inertia(ARM), "base", "hand", ("bend", "turn", "lift")),
 }
 JOINTS = {
-    "every kind of joint": ("turn", "lift", "bend"),
-    "another order": ("turn", "lift", "bend"),
+    **dict.fromkeys(("every kind of joint", "another order"), ("turn", "lift", "bend")),
     "a joint held still": ("turn", "bend"),
     "base that turns": ("lift", "bend"),
+}
+# Whose places are asked for, too.
+LINKS_OF = {
+    "every kind of joint": ("floor", "base", "column", "carriage", "forearm"),
+    "base that turns": ("column", "carriage", "forearm"),
 }
 BODY = """<inertial><origin xyz="0.3 0 0"/><mass value="2"/>
 <inertia ixx="0.1" iyy="0.2" izz="0.3" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
@@ -166,14 +170,14 @@ class WholeModel:
         return pin.rnea(self.model, self.data, self.configuration(q), v, 0 * v)[self.moving]
 
 
-@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize(
     ("tool", "gravity"), [(None, GRAVITY), (TOOL, (1.0, -3.0, 8.0))], ids=["bare", "tool on a wall"]
 )
-def test_an_arm_is_that_of_the_whole_urdf_seen_from_its_base(arm, tool, gravity):
-    urdf, base, tip, _ = ARMS[arm]
-    robot, axes = Robot(*ARMS[arm], gravity, tool), pin.LOCAL_WORLD_ALIGNED
-    assert robot.joints == JOINTS.get(arm, robot.joints)
+def test_an_arm_is_that_of_the_whole_urdf_seen_from_its_base(name, tool, gravity):
+    urdf, base, tip, _ = ARMS[name]
+    robot, axes = Robot(*ARMS[name], gravity, tool), pin.LOCAL_WORLD_ALIGNED
+    assert robot.joints == JOINTS.get(name, robot.joints)
     whole = WholeModel(with_a_tool(urdf, tip, tool) if tool else urdf, robot.joints, gravity)
     model, data, moving = whole.model, whole.data, whole.moving
     tip = model.getFrameId(tip, pin.FrameType.BODY)
@@ -198,6 +202,13 @@ def test_an_arm_is_that_of_the_whole_urdf_seen_from_its_base(arm, tool, gravity)
         assert_close(B, pin.crba(model, data, at)[np.ix_(moving, moving)])
         assert_close(C_dq + g, whole.effort(q, dq))
         assert_close(g, whole.effort(q, 0 * dq))
+        places = [(link, from_root, robot.link_at(link, q)) for link in LINKS_OF.get(name, ())]
+        if LINKS_OF.get(name):
+            places.append(("wrist", data.oMf[tip].inverse(), robot.placement("wrist")))
+        for link, origin, found in places:
+            expected = origin * data.oMf[model.getFrameId(link, pin.FrameType.BODY)]
+            assert_close(found.p, expected.translation)
+            assert_close(found.R, expected.rotation)
 
 
 def flat(state):
@@ -370,29 +381,6 @@ def test_no_other_number_of_joint_values_is_taken():
                 state(q, dq)
 
 
-# --- where a link is ----------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("base", "links"),
-    [
-        ("floor", ("floor", "base", "column", "carriage", "forearm")),
-        ("column", ("column", "carriage", "forearm")),
-    ],
-)
-def test_a_link_is_where_the_whole_urdf_says(base, links):
-    robot = Robot(ARM, base, "hand")
-    whole = WholeModel(ARM, robot.joints)
-    for q, _ in configurations(robot.n, key=16):
-        pin.framesForwardKinematics(whole.model, whole.data, whole.configuration(q))
-        place = {f.name: whole.data.oMf[i] for i, f in enumerate(whole.model.frames)}
-        expected, found = place["hand"].actInv(place["wrist"]), robot.placement("wrist")
-        assert_close(found.p, expected.translation)
-        assert_close(found.R, expected.rotation)
-        for link in links:
-            expected, found = place[base].actInv(place[link]), robot.link_at(link, q)
-            assert_close(found.p, expected.translation)
-            assert_close(found.R, expected.rotation)
-
-
 @pytest.mark.parametrize(
     ("base", "frame", "words"),
     [
@@ -414,7 +402,8 @@ def test_a_frame_that_is_not_there_or_not_measured_is_refused(base, frame, words
 
 
 # --- the catalogue ------------------------------------------------------------------------
-TWO_LINKS = """
+MIMIC = '<mimic joint="swing"/>'
+TWO_LINKS = f"""
 <robot name="two">
   <link name="base"/> <link name="arm"/> <link name="finger"/>
   <joint name="swing" type="revolute">
@@ -422,7 +411,7 @@ TWO_LINKS = """
     <limit lower="0.5" upper="1" velocity="2" effort="3"/>
   </joint>
   <joint name="slide" type="prismatic">
-    <parent link="arm"/> <child link="finger"/> <mimic joint="swing"/>
+    <parent link="arm"/> <child link="finger"/> {MIMIC}
     <limit lower="0" upper="1" velocity="2" effort="3"/>
   </joint>
 </robot>
@@ -438,7 +427,7 @@ def test_the_tip_is_within_reach_where_the_joints_are_within_their_limits():
 
 
 def test_links_that_are_stretched_reach_just_so_far():
-    urdf = re.sub("<mimic[^>]*>", "", TWO_LINKS)
+    urdf = TWO_LINKS.replace(MIMIC, "")
     robot = Robot(urdf, "base", "finger")
     for slide in (1.0, 0.25):
         p_e = robot.state(np.array([0.7, slide]), np.zeros(2)).p_e
@@ -451,8 +440,7 @@ def test_links_that_are_stretched_reach_just_so_far():
 @pytest.fixture
 def entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """A valid entry for TWO_LINKS, without its mimic joint."""
-    urdf = re.sub("<mimic[^>]*>", "", TWO_LINKS)
-    (tmp_path / "two.urdf").write_text(urdf)
+    (tmp_path / "two.urdf").write_text(TWO_LINKS.replace(MIMIC, ""))
     monkeypatch.setattr(catalogue, "config_file", lambda _, name: tmp_path / f"{name}.yaml")
     return {
         "description": "two links",
@@ -463,11 +451,6 @@ def entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         "joints": ["swing", "slide"],
         "home": [0.75, 0.5],
     }
-
-
-def load_entry(entry: dict[str, Any], folder: Path) -> RobotDescription:
-    (folder / "two.yaml").write_text(yaml.safe_dump(entry))
-    return load_robot("two")
 
 
 def load_urdf(text: str, folder: Path) -> RobotDescription:
@@ -497,7 +480,8 @@ def test_the_arms_end_where_the_experiments_take_them_to_end():
 
 
 def test_a_path_takes_root_longest_chain_and_a_home_within_limits_or_an_entry(entry, tmp_path):
-    listed = load_entry(entry, tmp_path)
+    (tmp_path / "two.yaml").write_text(yaml.safe_dump(entry))
+    listed = load_robot("two")
     assert load_robot(str(tmp_path / "two.yaml")) == listed  # by its path, wherever it is
     assert listed.urdf_path == tmp_path / "two.urdf"  # beside it
     assert (listed.joints, listed.home) == (("swing", "slide"), (0.75, 0.5))
@@ -514,55 +498,53 @@ def test_a_path_takes_root_longest_chain_and_a_home_within_limits_or_an_entry(en
     )
 
 
-def test_a_urdf_that_cannot_be_read_is_refused_with_its_path(tmp_path):
-    with pytest.raises(RobotError, match=r"robot 'my'.*joints must be some of"):
-        load_urdf(TWO_LINKS.replace('"revolute"', '"fixed"'), tmp_path)
-    with pytest.raises(RobotError, match=r"cannot be read.*missing\.urdf"):
-        load_robot(str(tmp_path / "missing.urdf"))
-    (tmp_path / "arm.urdf.xacro").write_text('<robot name="r"><xacro:arm prefix=""/></robot>')
-    with pytest.raises(RobotError, match=r"has <xacro:arm>; expand it: xacro FILE"):
-        load_robot(str(tmp_path / "arm.urdf.xacro"))
-    (tmp_path / "binary.urdf").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(RobotError, match="is no XML"):
-        load_robot(str(tmp_path / "binary.urdf"))
-
-
 @pytest.mark.parametrize(
-    ("key", "value", "reason"),
+    ("name", "content", "words"),
     [
-        ("base_frame", "bse", "unknown frame 'bse' (did you mean 'base'?)"),
-        ("base_frame", "finger", "unknown joint 'swing'; known: none"),
-        ("tip_frame", "base", "unknown joint 'swing'; known: none"),
-        ("sensor_frame", "hand", "unknown frame 'hand'"),
-        ("joints", ["swing", "slyde"], "unknown joint 'slyde' (did you mean 'slide'?)"),
-        ("joints", ["slide", "swing"], "from base to tip"),
-        ("joints", ["swing", "swing"], "from base to tip"),
-        ("joints", "swing", "joints must be a list of names, got 'swing'"),
-        ("home", [0.75], "home is [0.75]; expected 2 numbers"),
-        ("home", [0.75, "x"], "home of joint 'slide', x, is outside 0.0 ... 1.0"),
-        ("home", [0.75, float("nan")], "home of joint 'slide', nan, is outside 0.0 ... 1.0"),
-        ("home", [0.2, 0.5], "home of joint 'swing', 0.2, is outside 0.5 ... 1.0"),
-        ("urdf", "pybullet_data:none.urdf", "'none.urdf' of the package 'pybullet_data'"),
-        ("urdf", "no-such-package:none.urdf", "is it installed?"),
+        (
+            "my.urdf",
+            TWO_LINKS.replace('"revolute"', '"fixed"').encode(),
+            "'my'.*joints must be some",
+        ),
+        ("missing.urdf", None, r"cannot be read.*missing\.urdf"),
+        ("a.urdf.xacro", b"<robot><xacro:arm/></robot>", "has <xacro:arm>; expand it: xacro FILE"),
+        ("binary.urdf", b"\xff\xfe\x00", "is no XML"),
     ],
 )
-def test_an_impossible_entry_is_refused_with_the_reason(key, value, reason, entry, tmp_path):
-    with pytest.raises((RobotError, UnknownNameError), match=re.escape(reason)):
-        load_entry({**entry, key: value}, tmp_path)
+def test_a_urdf_that_cannot_be_read_is_refused_with_its_path(name, content, words, tmp_path):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(RobotError, match=words):
+        load_robot(str(tmp_path / name))
 
 
 @pytest.mark.parametrize(
-    ("text", "reason"),
+    ("change", "reason"),
     [
+        ({"base_frame": "bse"}, "unknown frame 'bse' (did you mean 'base'?)"),
+        ({"base_frame": "finger"}, "unknown joint 'swing'; known: none"),
+        ({"tip_frame": "base"}, "unknown joint 'swing'; known: none"),
+        ({"sensor_frame": "hand"}, "unknown frame 'hand'"),
+        ({"joints": ["swing", "slyde"]}, "unknown joint 'slyde' (did you mean 'slide'?)"),
+        ({"joints": ["slide", "swing"]}, "from base to tip"),
+        ({"joints": ["swing", "swing"]}, "from base to tip"),
+        ({"joints": "swing"}, "joints must be a list of names, got 'swing'"),
+        ({"home": [0.75]}, "home is [0.75]; expected 2 numbers"),
+        ({"home": [0.75, "x"]}, "home of joint 'slide', x, is outside 0.0 ... 1.0"),
+        ({"home": [0.75, math.nan]}, "home of joint 'slide', nan, is outside 0.0 ... 1.0"),
+        ({"home": [0.2, 0.5]}, "home of joint 'swing', 0.2, is outside 0.5 ... 1.0"),
+        ({"urdf": "pybullet_data:none.urdf"}, "'none.urdf' of the package 'pybullet_data'"),
+        ({"urdf": "no-such-package:none.urdf"}, "is it installed?"),
         ("hom: [0, 0]\nurdf: two.urdf", "unknown key 'hom' (did you mean 'home'?)"),
         ("description: nothing", "urdf is missing"),
         ("- a list", "expected the keys description, urdf"),
         ("urdf: [", "two.yaml"),
     ],
 )
-@pytest.mark.usefixtures("entry")
-def test_a_broken_file_is_refused_with_its_path(text, reason, tmp_path):
-    (tmp_path / "two.yaml").write_text(text)
-    with pytest.raises(ConfigurationError, match=re.escape(reason)) as caught:
+def test_an_impossible_entry_is_refused_with_the_reason(change, reason, entry, tmp_path):
+    is_whole = isinstance(change, str)
+    (tmp_path / "two.yaml").write_text(change if is_whole else yaml.safe_dump(entry | change))
+    errors = ConfigurationError if is_whole else (RobotError, UnknownNameError)
+    with pytest.raises(errors, match=re.escape(reason)) as caught:
         load_robot("two")
-    assert "two.yaml" in str(caught.value)
+    assert "two.yaml" in str(caught.value) or not is_whole

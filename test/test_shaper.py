@@ -5,7 +5,7 @@ frames; that the frames are consistent is checked by differences.
 """
 
 import math
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
@@ -105,16 +105,31 @@ def assert_within(motion, limits=LIMITS, rate=RATE, jerk=True):
     assert norm(np.array(turns) - (motion.w[1:] + motion.w[:-1]) / 2) <= 4.0 / rate
 
 
-def assert_at(motion, frame, rtol=1e-9):
-    assert_close(motion.p[-1], frame.p_d, rtol)
-    assert angle_between(motion.R[-1], frame.R_d) <= 1e-7
+def assert_rests(motion):
     assert not motion.v[-1].any()
     assert not motion.w[-1].any()
 
 
+def assert_at(motion, frame):
+    assert_close(motion.p[-1], frame.p_d, 1e-9)
+    assert angle_between(motion.R[-1], frame.R_d) <= 1e-7
+    assert_rests(motion)
+
+
+def assert_even(rates, nominal, begin=RATE + 100):
+    """Assert that a motion goes on at one speed until the sample 3 * RATE."""
+    speed = np.linalg.norm(rates[begin : 3 * RATE], axis=1) / nominal
+    assert 0.8 < speed.min() <= speed.max() < 1.2
+
+
+def through(times, *frames):
+    """Return the motion that rests at frames."""
+    return way_points(times, [(frame.p_d, frame.R_d) for frame in frames])
+
+
 # --- trajectories -------------------------------------------------------------------------
 def test_a_trajectory_within_the_limits_is_followed_to_the_bit():
-    path = way_points([0.0, 2.0, 4.0], [(f.p_d, f.R_d) for f in (HERE, moved(0.2, 0.5), moved())])
+    path = through([0.0, 2.0, 4.0], HERE, moved(0.2, 0.5), moved())
     motion = follow([(0.1, sent(path))], 4.5)
     for k in range(50, 2250, 7):
         expected = path.sample((round(k * 1e9 / RATE) - 100_000_000) / 1e9)
@@ -142,7 +157,7 @@ def shaped(motion, k):
     ],
 )
 def test_a_trajectory_beyond_the_limits_is_slowed_along_its_own_path(times, frames):
-    path = way_points(times, [(f.p_d, f.R_d) for f in frames])
+    path = through(times, *frames)
     motion = follow([(0.1, sent(path))], times[-1] + 25.0)
     assert_within(motion)
     assert_at(motion, frames[-1])
@@ -206,10 +221,10 @@ def test_a_goal_is_reached_in_the_shortest_time_that_the_limits_allow():
 
 
 # --- streams ------------------------------------------------------------------------------
-def stream(rate, *, twists=False, jitter=0.0, noise=0.0, seconds=3.0, ahead=0.0, kind=SetPoint):
-    """Return the events of a stream along X, which begins at 0.1 s and ends after ``seconds``."""
+def stream(rate, *, twists=False, jitter=0.0, noise=0.0, ahead=0.0, kind=SetPoint):
+    """Return the events of a stream along X, which begins at 0.1 s and lasts for 3 s."""
     rng, events = generator(rate), []
-    for k in range(int(seconds * rate)):
+    for k in range(3 * rate):
         t = k / rate
         frame = moved(SPEED * t, twist=SPEED if twists else 0.0)
         frame = frame._replace(p_d=frame.p_d + noise * rng.normal(size=3))
@@ -219,19 +234,25 @@ def stream(rate, *, twists=False, jitter=0.0, noise=0.0, seconds=3.0, ahead=0.0,
     return events
 
 
-@pytest.mark.parametrize("kind", [SetPoint, Goal])
-@pytest.mark.parametrize("rate", [10, 20, 50, 200])
-def test_a_stream_of_poses_becomes_a_motion_of_even_speed_with_little_lag(rate, kind):
-    motion = follow(stream(rate, kind=kind), 5.0)
+@pytest.mark.parametrize(
+    ("rate", "kind", "late", "twists"),
+    [
+        *product((10, 20, 50, 200), (SetPoint, Goal), [0.0], [False]),
+        *product([50], [SetPoint], (0.05, 0.1, 0.3, 10.0), (False, True)),  # or a clock is behind
+    ],
+)
+def test_a_stream_becomes_a_motion_of_even_speed_with_little_lag(rate, kind, late, twists):
+    motion = follow(stream(rate, kind=kind, ahead=-late, twists=twists), 5.0)
     assert_within(motion)
-    assert_at(motion, moved(SPEED * (3.0 - 1 / rate)))
-    going = slice(RATE + 100, 3 * RATE)
-    speed = np.linalg.norm(motion.v[going], axis=1) / SPEED
-    assert speed.min() > 0.8
-    assert speed.max() < 1.2
-    if rate <= 50:
-        t = np.arange(going.start, going.stop) / RATE - 0.1
-        lag = np.median(t - (motion.p[going] - HERE.p_d) @ X / SPEED)
+    assert_even(motion.v, SPEED)
+    if not late:
+        assert_at(motion, moved(SPEED * (3.0 - 1 / rate)))
+    led = SPEED * (min(late, 0.1) + 0.1) if twists else 0.0
+    end = (motion.p[-1] - HERE.p_d) @ X - SPEED * (3.0 - 1 / rate)
+    assert -1e-9 <= end <= led + 0.01
+    if rate <= 50 and not late:
+        t = np.arange(RATE + 100, 3 * RATE) / RATE - 0.1
+        lag = np.median(t - (motion.p[RATE + 100 : 3 * RATE] - HERE.p_d) @ X / SPEED)
         assert lag <= 2 / rate
 
 
@@ -247,26 +268,13 @@ def test_a_stream_with_jitter_and_noise_keeps_the_limits_and_arrives(rate, twist
 
 
 def test_a_stream_of_every_tick_within_the_limits_passes_to_the_bit():
-    path = way_points([0.0, 2.0], [(f.p_d, f.R_d) for f in (HERE, moved(0.2, 0.3))])
+    path = through([0.0, 2.0], HERE, moved(0.2, 0.3))
     points = [path.sample(k / RATE) for k in range(2 * RATE)]
     events = [(k / RATE - 1e-4, sent(SetPoint(f, 0.1))) for k, f in enumerate(points)]
     motion = follow(events, 2.5)
     for k in range(1, 2 * RATE):
         assert all(np.array_equal(a, b) for a, b in zip(points[k], shaped(motion, k), strict=True))
     assert_within(motion)
-
-
-@pytest.mark.parametrize("twists", [False, True])
-@pytest.mark.parametrize("late", [0.05, 0.1, 0.3, 10.0])
-def test_set_points_that_come_late_or_by_a_clock_that_is_behind_are_followed(late, twists):
-    motion = follow(stream(50, twists=twists, ahead=-late), 5.0)
-    assert_within(motion)
-    speed = np.linalg.norm(motion.v[RATE + 100 : 3 * RATE], axis=1) / SPEED
-    assert speed.min() > 0.8
-    assert speed.max() < 1.2
-    led = SPEED * (min(late, 0.1) + 0.1) if twists else 0.0
-    end = (motion.p[-1] - HERE.p_d) @ X - SPEED * (3.0 - 0.02)
-    assert -1e-9 <= end <= led + 0.01
 
 
 @pytest.mark.parametrize("ahead", [0.002, 0.015, 0.03, 0.3])
@@ -312,9 +320,7 @@ def test_orientation_streams_pass_tool_down_and_a_pole(pole):
     ]
     motion = follow(events, 4.5, held=start)
     assert_within(motion)
-    speed = np.linalg.norm(motion.w[RATE : 3 * RATE], axis=1) / 0.4
-    assert speed.min() > 0.8
-    assert speed.max() < 1.2
+    assert_even(motion.w, 0.4, begin=RATE)
 
 
 # --- twists -------------------------------------------------------------------------------
@@ -325,13 +331,12 @@ def test_a_twist_is_attained_and_ends_smoothly_when_none_follows():
     assert_within(motion)
     np.testing.assert_allclose(motion.v[2 * RATE], twist[:3], atol=1e-9)
     np.testing.assert_allclose(motion.w[2 * RATE], twist[3:], atol=1e-9)
-    assert not motion.v[-1].any()
-    assert not motion.w[-1].any()
+    assert_rests(motion)
     assert np.linalg.norm(motion.p[-1] - motion.p[int(2.1 * RATE)]) < 0.12 * 0.4
 
 
 def test_a_twist_beyond_the_limits_is_cut_and_what_came_last_leads_smoothly():
-    path = way_points([0.0, 2.0], [(f.p_d, f.R_d) for f in (HERE, moved(0.2))])
+    path = through([0.0, 2.0], HERE, moved(0.2))
     jog = np.array([3.0, 0.0, 0.0, 0.0, 0.0, 9.0])
     events = [
         (0.1, sent(path)),
@@ -339,7 +344,7 @@ def test_a_twist_beyond_the_limits_is_cut_and_what_came_last_leads_smoothly():
         (1.2, sent(Goal(moved(-0.1, 1.0)))),
         (2.2, sent(SetPoint(moved(0.0, twist=0.1), 0.1))),
         (2.5, sent(Jog(-np.ones(6), 0.4))),
-        (3.2, sent(way_points([2.0], [(HERE.p_d, HERE.R_d)]))),
+        (3.2, sent(through([2.0], HERE))),
     ]
     motion = follow(events, 9.0)
     assert_within(motion)
@@ -367,7 +372,7 @@ class Plan(TimeScale):
 @pytest.mark.parametrize(("first", "second"), [(0.0, 0.0), (0.0, 1.0), (0.3, 1.0)])
 def test_a_motion_halts_and_goes_on_along_its_path_within_the_limits(first, second, rate):
     frames = (HERE, moved(0.2, 0.6), moved(0.2, 0.6))
-    path = way_points([0.0, 2.0, 3.0], [(f.p_d, f.R_d) for f in frames])
+    path = through([0.0, 2.0, 3.0], *frames)
     motion = follow([(0.1, sent(path))], 6.0, rate=rate, scale=Plan(first, second))
     assert_within(motion, rate=rate)
     line = (motion.p - HERE.p_d) @ np.diag([0.0, 1.0, 1.0])
@@ -384,8 +389,8 @@ def test_limits_that_are_lowered_slow_what_moves_and_what_follows_a_stop(how):
     lower = MotionLimits(0.05, 0.2, 1.0, 4.0, 20.0, 80.0)
     stops = (HERE, moved(0.1), moved(0.1), moved(0.2))
     reference = {
-        "path": way_points([0.0, 2.0], [(f.p_d, f.R_d) for f in (HERE, moved(0.2))]),
-        "stops": way_points([0.0, 1.0, 2.0, 3.0], [(f.p_d, f.R_d) for f in stops]),
+        "path": through([0.0, 2.0], HERE, moved(0.2)),
+        "stops": through([0.0, 1.0, 2.0, 3.0], *stops),
         "goal": Goal(moved(0.2)),
         "stream": SetPoint(moved(0.0, twist=0.2), 5.0),
         "jog": Jog(np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.0]), 5.0),
@@ -455,7 +460,7 @@ def test_a_set_point_that_accelerates_does_not_lead_beyond_the_speed_limit_if_th
 
 # --- leaps, plans -------------------------------------------------------------------------
 def test_a_reference_that_leaps_when_it_begins_is_refused_then():
-    path = way_points([0.0, 2.0], [(f.p_d, f.R_d) for f in (HERE, moved(0.25))])
+    path = through([0.0, 2.0], HERE, moved(0.25))
     shaper = Shaper(HERE, LIMITS, (0.05, 0.2))
     shaper.follow(path, 0)
     shaper.follow(path, 4_000_000_000)  # begins where the arm was
@@ -479,7 +484,7 @@ class FromRestAlone(Ruckig):
     [
         (Goal(moved(0.1)), True),
         (SetPoint(moved(0.1, twist=0.05), 2.0), False),
-        (way_points([0.0, 2.0], [(f.p_d, f.R_d) for f in (HERE, moved(0.1))]), False),
+        (through([0.0, 2.0], HERE, moved(0.1)), False),
     ],
 )
 def test_where_no_plan_leads_on_the_tip_stops_before_what_follows(monkeypatch, reference, arrives):
