@@ -120,12 +120,6 @@ def test_way_points_turn_about_the_equivalent_axis_and_move_on_a_line(theta):
 
 
 # --- circles ------------------------------------------------------------------------------
-def centre_of(circle):
-    """Return the centre of the circle that begins at P_0, from three of its points."""
-    trajectory = circle._replace(ramp=0.0).trajectory(P_0, R_0)
-    return (trajectory.sample(0.0).p_d + trajectory.sample(circle.period / 2).p_d) / 2
-
-
 @pytest.mark.parametrize("ramp", [0.0, 0.5, 1.0, 4.0])
 @pytest.mark.parametrize(("turns", "tilt"), [(1.0, 0.0), (1.0, 0.4), (1.0, 2.0), (2.5, 0.4)])
 def test_a_circle_starts_and_ends_at_the_pose_and_its_rates_are_its_derivatives(ramp, turns, tilt):
@@ -143,28 +137,20 @@ def test_a_circle_starts_and_ends_at_the_pose_and_its_rates_are_its_derivatives(
         assert_rates_are_derivatives(trajectory, t)
 
 
-def test_a_circle_turns_by_the_right_hand_about_its_normal_at_the_speed_of_its_period():
-    trajectory = CIRCLE.trajectory(P_0, R_0)
-    centre, n = centre_of(CIRCLE), CIRCLE.normal / 3
-    omega = 2 * math.pi / CIRCLE.period * n
-    for t in np.linspace(1.0, 4.0, 31):  # after the ramp up, before the ramp down
-        frame = trajectory.sample(t)
-        dp = np.cross(omega, frame.p_d - centre)
-        tol.assert_close(frame.dp_d, dp, tol.RAMPED)
-        tol.assert_close(frame.ddp_d, np.cross(omega, dp), tol.RAMPED)
-
-
-def test_the_tool_of_a_circle_turns_on_a_cone_once_a_turn():
-    circle = CIRCLE._replace(ramp=0.0)
-    trajectory = circle.trajectory(P_0, R_0)
-    n, u = circle.normal / 3, (P_0 - centre_of(circle)) / circle.radius
-    axis = (samples.rodrigues(-circle.tilt, u) @ R_0).T @ n  # of the tool, fixed in it
-    for t in np.linspace(0, circle.period, 60):
-        frame = trajectory.sample(t)
-        on_cone = frame.R_d @ axis
-        assert on_cone @ n == pytest.approx(math.cos(circle.tilt), abs=tol.RAMPED)
-        omega = 2 * math.pi / circle.period * (n - on_cone)
-        tol.assert_close(frame.omega_d, omega, tol.RAMPED)
+def test_on_a_circle_the_tip_turns_by_the_right_hand_about_the_normal_and_the_tool_on_a_cone():
+    for circle, begin in ((CIRCLE, CIRCLE.ramp), (CIRCLE._replace(ramp=0.0), 0.0)):
+        trajectory, n = circle.trajectory(P_0, R_0), circle.normal / 3
+        half_a_turn = trajectory.sample(circle.ramp / 2 + circle.period / 2)
+        centre = (P_0 + half_a_turn.p_d) / 2
+        axis = R_0.T @ samples.rodrigues(-circle.tilt, (P_0 - centre) / circle.radius).T @ n
+        for t in np.linspace(begin, circle.period, 60):  # between the ramps
+            frame, on_cone = trajectory.sample(t), trajectory.sample(t).R_d @ axis
+            dp = 2 * math.pi / circle.period * np.cross(n, frame.p_d - centre)
+            tol.assert_close(frame.dp_d, dp, tol.RAMPED)
+            tol.assert_close(frame.ddp_d, 2 * math.pi / circle.period * np.cross(n, dp), tol.RAMPED)
+            assert on_cone @ n == pytest.approx(math.cos(circle.tilt), abs=tol.RAMPED)
+            omega = 2 * math.pi / circle.period * (n - on_cone)
+            tol.assert_close(frame.omega_d, omega, tol.RAMPED)
 
 
 # --- set-points ---------------------------------------------------------------------------

@@ -28,22 +28,17 @@ each_robot = pytest.mark.parametrize("name", config_names("robots"))
 
 
 @each_robot
-def test_a_home_is_away_from_singularities_and_limits(name):
+def test_a_urdf_states_inertia_and_limits_and_home_is_away_from_these_and_singularities(name):
     robot, home = robot_named(name)
     state, limits = robot.dynamic_state(home, np.zeros(robot.n)), robot.limits
+    assert robot.n in (6, 7)
+    assert np.linalg.eigvalsh(state.B)[0] > INERTIA
+    for limit in (limits.effort, limits.velocity):
+        assert np.all((limit > 0) & np.isfinite(limit))
     assert sigma_min(state.arm.J, robot.length) > CONDITION * DampedInverse().eps
     assert np.all(home - limits.lower > ROOM)
     assert np.all(limits.upper - home > ROOM)
     assert np.all(np.abs(state.g) < WEIGHT * limits.effort)
-
-
-@each_robot
-def test_the_urdf_of_a_robot_states_its_inertia_and_its_limits(name):
-    robot, home = robot_named(name)
-    assert robot.n in (6, 7)
-    assert np.linalg.eigvalsh(robot.dynamic_state(home, np.zeros(robot.n)).B)[0] > INERTIA
-    for limit in (robot.limits.effort, robot.limits.velocity):
-        assert np.all((limit > 0) & np.isfinite(limit))
 
 
 @each_robot
