@@ -135,6 +135,9 @@ def test_a_circle_starts_and_ends_at_the_pose_and_its_rates_are_its_derivatives(
         assert np.linalg.norm(frame.dp_d) == pytest.approx(speed, abs=tol.ALGEBRAIC)
     for t in samples.generator(62).uniform(0.01, end - 0.01, size=60):
         assert_rates_are_derivatives(trajectory, t)
+        here, mirrored = trajectory.sample(t), trajectory.sample(end - t)  # it brakes as it started
+        gains = [frame.dp_d @ frame.ddp_d for frame in (here, mirrored)]
+        assert sum(gains) == pytest.approx(0, abs=tol.RAMPED)
 
 
 def test_on_a_circle_the_tip_turns_by_the_right_hand_about_the_normal_and_the_tool_on_a_cone():
