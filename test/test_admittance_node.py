@@ -1,16 +1,14 @@
-"""Admittance: ``impedance_control`` moves ``clik``, for arms that take positions.
+"""Admittance: the compliant frame of ``impedance_control`` is the reference of ``clik``.
 
-``impedance_control`` with ``command_type: none`` publishes the compliant frame alone, which is the
-reference of ``clik``.  The arm is moved by the test; the experiment ``admittance`` has the forces
+The arm, which takes positions, is moved by the test; the experiment ``admittance`` has the forces
 with the simulated robot.
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from in_process import Running, World
+from in_process import World
 from ros_processes import AT_ONCE, HOME, UNSHAPED, UR5, Arm, Array, pose, reference
 from samples import rodrigues
 from tolerances import LAW_IN_A_NODE, assert_close
@@ -18,7 +16,6 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.laws.rotations import angle_between
 from eulerparams_control.motion.frames import DesiredFrame
-from eulerparams_control.robot.robot import RobotState
 
 NAME = "impedance_control"
 K_P, K_E, DEPTH = 2000.0, 2000.0, 0.01  # [N/m], [N/m], [m]
@@ -65,7 +62,7 @@ class Admittance:
         self.arm = CompliantArm(world, UR5)
         self.arm.wear_sensor()
         self.references = self.peer.publisher(MultiDOFJointTrajectory, "reference")
-        self.impedance = self.start_impedance()
+        self.impedance = world.start(NAME, COMPLIANT)
         parameters = SIMULATED | UNSHAPED | {"reference_timeout": 0.02}  # a blow does not last
         clik = world.start("clik", parameters | of_clik, remap=FOLLOWING)
         self.arm.connect()
@@ -79,25 +76,20 @@ class Admittance:
         self.arm.alive = True
         self.arm.start_afresh()
 
-    def start_impedance(self) -> Running:
-        return self.world.start(NAME, COMPLIANT)
+    def until_it_moves(self, ticks: int = 0) -> None:
+        """Tick until the arm moves, for some ticks, and until it has come to rest."""
+        self.world.until(lambda: np.abs((self.arm.tick(), self.arm.dq)[1]).max() > 1e-3, "motion")
+        self.arm.ticks(ticks)
+        settle(self.arm)
 
 
-def spring(anchor: Array) -> Callable[[RobotState], Array]:
-    """Return what a spring exerts that is at rest where the tip is at ``anchor`` (3,) [m]."""
-    return lambda state: np.concatenate((K_E * (anchor - state.p_e), np.zeros(3)))
-
-
-# --- the arm that the test moves -------------------------------------------------------------
 @pytest.mark.parametrize("pairing", ["latest", "stamp"])
 def test_the_arm_presses_a_spring_as_both_stiffnesses_say_and_yields_to_a_moment(world, pairing):
     both = Admittance(world, reference_pairing=pairing)
     arm, (p, R) = both.arm, pose(HOME)
-    arm.environment = spring(p)
+    arm.environment = lambda state: np.concatenate((K_E * (p - state.p_e), np.zeros(3)))
     both.references.publish(reference(DesiredFrame(p + [DEPTH, 0.0, 0.0], R), times=(0.1,)))
-    both.world.until(lambda: np.abs((arm.tick(), arm.dq)[1]).max() > 1e-3, "motion")
-    arm.ticks(100)
-    settle(arm)
+    both.until_it_moves(100)
     assert_close(arm.contact()[:3], [-FORCE, 0.0, 0.0], 0.01 * FORCE)
     assert np.linalg.norm(pose(arm.q)[0] - arm.frame().p_d) < FOLLOWED
     arm.push(0.0, 0.0, 0.0, 0.0, 0.0, 2.0)
@@ -130,16 +122,13 @@ def test_when_impedance_control_is_killed_clik_holds_and_its_successor_begins_wh
     assert np.abs(arm.dq).max() < AT_REST
     assert len(arm.frames) == count
     arm.release()
-    both.impedance = both.start_impedance()
-    active = "active with"
-    both.world.until(lambda: (arm.send_next(), active in both.impedance.log)[1], active)
+    both.impedance = world.start(NAME, COMPLIANT)
+    world.until(lambda: (arm.send_next(), "active with" in both.impedance.log)[1], "active")
     arm.commands.clear()
     arm.alive = True
     settle(arm)
     assert_close(arm.frame().p_d, pose(q)[0], FOLLOWED)
     assert_close(arm.q, q, FOLLOWED)
     arm.push(0.0, 5.0, 0.0)
-    both.world.until(lambda: np.abs((arm.tick(), arm.dq)[1]).max() > 1e-3, "clik finding it")
-    settle(arm)
-    moved = pose(arm.q)[0] - pose(q)[0]
-    assert_close(moved, [0.0, 5.0 / K_P, 0.0], FOLLOWED)
+    both.until_it_moves()
+    assert_close(pose(arm.q)[0] - pose(q)[0], [0.0, 5.0 / K_P, 0.0], FOLLOWED)

@@ -30,64 +30,63 @@ CLAMPED, RESTS = 50.0, 0.02
 
 
 def leaned_on(arm, axis, law="dynamic_control", **parameters):
-    """Return an arm that holds, with a hand on it, and how much the hand pushes at most [N]."""
+    """Return an arm that holds, a hand on it that may push along an axis, and how hard [N]."""
     leaning = Leaning(law, arm, parameters=parameters)
     leaning.run(0.1)
-    return leaning, min(LEANS, 0.2 * most_that_joints_hold(leaning.plant, axis))
+    leaning.force = Hand(axis)
+    return leaning, leaning.force, min(LEANS, 0.2 * most_that_joints_hold(leaning.plant, axis))
+
+
+def lead(leaning, *way):
+    """Order a motion by some way [m]."""
+    here = leaning.scheme.start_frame()
+    leaning.controller.orders.aim(DesiredFrame(here.p_d + way, here.R_d), leaning.now)
+
+
+def halted_before(leaning, hand, most):
+    """Its hold has got as stiff as it may."""
+    leaning.controller.orders.halt()
+    leaning.run(0.5)
+    leaning.forget()
+    hand.grow(leaning, most)
+
+
+def halted_while_it_is_pushed(leaning, hand, most):
+    hand.grow(leaning, most)
+    leaning.controller.orders.halt()
+    leaning.forget()
+
+
+def stopped_by_what_it_measures(leaning, hand, most):
+    hand.grow(leaning, most, until=leaning.is_stopped)
+    assert leaning.controller.why.cause is Cause.CONTACT_TOO_LARGE
+    leaning.forget()
 
 
 @pytest.mark.parametrize("arm", ARMS)
-def test_a_halted_arm_hardly_moves_where_a_person_leans_on_it_and_lets_go(arm):
+@pytest.mark.parametrize(
+    ("stop", "law", "gives", "joints"),
+    [
+        (halted_before, "dynamic_control", GIVES_WAY, SLOW_JOINTS),
+        (halted_while_it_is_pushed, "dynamic_control", 2 * GIVES_WAY, np.inf),
+        (stopped_by_what_it_measures, "impedance_control", GIVES_WAY, np.inf),
+    ],
+)
+def test_a_stopped_arm_hardly_moves_where_a_person_pushes_it(arm, stop, law, gives, joints):
+    given = {"max_contact_force": PUSHES[arm] - 10.0} if law == "impedance_control" else {}
     for axis in AXES[:3]:
-        leaning, most = leaned_on(arm, axis)
-        leaning.controller.orders.halt()
-        leaning.run(0.5)  # its hold gets as stiff as it may
-        leaning.forget()
-        hand = leaning.force = Hand(axis)
-        hand.grow(leaning, most)
-        leaning.run(0.5)
-        assert leaning.gave_way < GIVES_WAY
-        assert np.max(leaning.joints) < SLOW_JOINTS
-        hand.most = 0.0
-        leaning.run(0.3)
-        assert max(leaning.speeds) < SLOW_TIP
-        assert np.linalg.norm(leaning.path[-1] - leaning.path[0]) < GIVES_WAY
-        assert leaning.mode is Mode.STOPPED
-
-
-@pytest.mark.parametrize("arm", ARMS)
-def test_an_arm_that_a_contact_stops_gives_way_to_it_no_more(arm):
-    most = PUSHES[arm]
-    for axis in AXES[:3]:
-        leaning, _ = leaned_on(arm, axis, "impedance_control", max_contact_force=most - 10.0)
-        hand = leaning.force = Hand(axis)
-        hand.grow(leaning, most, until=leaning.is_stopped)
-        assert leaning.controller.why.cause is Cause.CONTACT_TOO_LARGE
-        leaning.forget()
+        leaning, hand, most = leaned_on(arm, axis, law, **given)
+        most = PUSHES[arm] if given else most
+        stop(leaning, hand, most)
         hand.most = most
         leaning.run(0.5)
-        assert leaning.gave_way < GIVES_WAY
-        assert max(leaning.speeds) < SLOW_TIP
-        leaning.forget()
+        assert leaning.gave_way < gives
+        assert np.max(leaning.joints) < joints
         hand.most = 0.0
         leaning.run(0.3)
         assert max(leaning.speeds) < SLOW_TIP
+        assert np.linalg.norm(leaning.path[-1] - leaning.path[0]) < gives
         assert leaning.mode is Mode.STOPPED
-
-
-@pytest.mark.parametrize("arm", ARMS)
-def test_where_no_sensor_measures_it_what_pushes_a_stopped_arm_is_held_all_the_same(arm):
-    for axis in AXES[:3]:
-        leaning, most = leaned_on(arm, axis)
-        hand = leaning.force = Hand(axis)
-        hand.grow(leaning, most)
-        leaning.controller.orders.halt()
-        leaning.forget()
-        leaning.run(0.5)
-        assert leaning.gave_way < 2 * GIVES_WAY
-        hand.most = 0.0
-        leaning.run(0.3)
-        assert max(leaning.speeds) < SLOW_TIP
 
 
 @pytest.mark.parametrize(
@@ -97,10 +96,10 @@ def test_where_no_sensor_measures_it_what_pushes_a_stopped_arm_is_held_all_the_s
 @pytest.mark.parametrize("arm", ARMS)
 def test_what_an_arm_drove_into_is_let_go_and_no_joint_is_flung_by_the_stop(arm, law, given):
     for axis in AXES[::2]:
-        leaning, _ = leaned_on(arm, axis, law, **given)
+        leaning, *_ = leaned_on(arm, axis, law, **given)
         here = leaning.scheme.start_frame()
         leaning.force = Wall(here.p_d + 0.08 * axis, -axis, 2e4)
-        leaning.controller.orders.aim(DesiredFrame(here.p_d + 0.3 * axis, here.R_d), leaning.now)
+        lead(leaning, *(0.3 * axis))
         assert leaning.run(4.0, until=leaning.is_stopped)
         before = np.max(leaning.joints)
         leaning.forget()
@@ -111,27 +110,11 @@ def test_what_an_arm_drove_into_is_let_go_and_no_joint_is_flung_by_the_stop(arm,
         assert leaning.mode is Mode.STOPPED
 
 
-def test_with_a_slow_rate_of_the_efforts_the_hold_is_softer_but_does_not_swing():
-    axis = AXES[0]
-    leaning, most = leaned_on("kuka_iiwa", axis, max_effort_rate=(1000.0,))
-    leaning.controller.orders.halt()
-    hand = leaning.force = Hand(axis)
-    hand.grow(leaning, most)
-    leaning.run(0.5)
-    hand.most = 0.0
-    leaning.forget()
-    leaning.run(1.5)
-    assert np.max(leaning.joints[-1]) < 0.2 * np.max(leaning.joints)
-    assert leaning.mode is Mode.STOPPED
-
-
 def test_a_load_that_was_lifted_and_that_nobody_declared_is_held_and_not_let_go():
     leaning = Leaning("dynamic_control", "ur5")
     leaning.force = lambda p, v: np.array([0.0, 0.0, -60.0])
     leaning.run(1.0)
-    here = leaning.scheme.start_frame()
-    raised = DesiredFrame(here.p_d + [0.0, 0.0, 0.15], here.R_d)
-    leaning.controller.orders.aim(raised, leaning.now)
+    lead(leaning, 0.0, 0.0, 0.15)
     leaning.run(2.0)
     leaning.controller.orders.halt()
     leaning.run(0.2)
@@ -144,26 +127,31 @@ def test_a_load_that_was_lifted_and_that_nobody_declared_is_held_and_not_let_go(
 def test_friction_of_the_joints_is_no_contact_where_an_arm_is_stopped_in_motion():
     leaning = Leaning("dynamic_control", "ur5", viscous=10.0, coulomb=5.0, rotors=0.0)
     leaning.run(0.1)
-    here = leaning.scheme.start_frame()
-    aside = DesiredFrame(here.p_d + [0.0, 0.3, 0.0], here.R_d)
-    leaning.controller.orders.aim(aside, leaning.now)
+    lead(leaning, 0.0, 0.3, 0.0)
     leaning.run(1.0)
     assert leaning.speeds[-1] > 0.2
     scheme = leaning.scheme  # which does not follow well enough now
     scheme.change(replace(scheme.parameters, max_error_position=1e-6))
-    before, hardest = leaning.plant.dq, 0.0
+    dq = [leaning.plant.dq]
     for _ in range(250):
         leaning.tick()
-        hardest = max(hardest, np.abs(leaning.plant.dq - before).max() / leaning.dt)
-        before = leaning.plant.dq
+        dq.append(leaning.plant.dq)
     assert leaning.controller.why.cause is Cause.NOT_FOLLOWING
+    hardest = np.abs(np.diff(dq, axis=0)).max() / leaning.dt
     assert hardest < 1.2 * scheme.limits.acceleration.max()
     assert max(leaning.speeds[-5:]) < 0.02
 
 
-@pytest.mark.parametrize("late", [1, 3, 6, 8])  # ticks of 2 ms
-def test_where_commands_act_late_the_hold_becomes_softer_instead_of_swinging(late):
-    leaning = Leaning("dynamic_control", "ur5", late=late, viscous=0.0, coulomb=0.0, rotors=0.0)
+@pytest.mark.parametrize(
+    ("arm", "late", "given"),
+    [
+        *(("ur5", ticks, {}) for ticks in (1, 3, 6, 8)),  # of 2 ms
+        ("kuka_iiwa", 0, {"max_effort_rate": (1000.0,)}),
+    ],
+)
+def test_where_commands_act_late_or_slowly_the_hold_is_softer_and_does_not_swing(arm, late, given):
+    plant = {"viscous": 0.0, "coulomb": 0.0, "rotors": 0.0}
+    leaning = Leaning("dynamic_control", arm, parameters=given, late=late, **plant)
     leaning.run(0.1)
     leaning.controller.orders.jog(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.5]), leaning.now)
     leaning.run(0.1)
@@ -179,18 +167,14 @@ def test_where_commands_act_late_the_hold_becomes_softer_instead_of_swinging(lat
 @pytest.mark.parametrize("lost", [2, 5])
 def test_a_joint_without_an_effort_limit_is_held_as_the_others_are(lost):
     robot, home = robot_named("ur5")
-    effort = robot.limits.effort.copy()
+    effort, nothing = robot.limits.effort.copy(), np.zeros(6)
     effort[lost] = np.inf
-    limits, nothing = replace(robot.limits, effort=effort), np.zeros(6)
-    begun = robot.dynamic_state(home, nothing)
-    hold = JointHold(limits, limits.effort_rate, robot.length, begun, nothing, None, False)
+    limits, begun = replace(robot.limits, effort=effort), robot.dynamic_state(home, nothing)
     for joint in range(6):
-        q = home.copy()
-        q[joint] += 0.01
-        state = robot.dynamic_state(q, nothing)
+        hold = JointHold(limits, limits.effort_rate, robot.length, begun, nothing, None, False)
+        state = robot.dynamic_state(home + 0.01 * np.eye(6)[joint], nothing)
         tau = hold.effort(0.001, state, nothing, nothing, None)
         assert (tau - state.g)[joint] < -0.05  # drawn back
-        hold = JointHold(limits, limits.effort_rate, robot.length, begun, nothing, None, False)
 
 
 @pytest.mark.parametrize("law", ["dynamic_control", "impedance_control", "compliance_control"])
@@ -198,16 +182,14 @@ def test_an_arm_that_ran_away_gets_no_efforts_until_it_is_resumed(law):
     leaning = Leaning(law, "ur5")
     leaning.run(0.1)
     leaning.plant.dq = 2.0 * leaning.plant.robot.limits.velocity
-    leaning.plant.step(leaning.tau, leaning.force, leaning.dt)
     leaning.tick()
     assert leaning.controller.why.cause is Cause.RUNAWAY
     assert leaning.run(2.0, until=lambda: leaning.mode is Mode.STOPPED)
     leaning.forget()
     leaning.run(1.0)
     assert leaning.efforts == [None] * len(leaning.efforts)
-    here = leaning.scheme.frame_at(leaning.plant.q)
     with pytest.raises(InvalidMessageError, match="~/resume"):
-        leaning.controller.orders.aim(here, leaning.now)
+        lead(leaning, 0.0, 0.0, 0.0)
     leaning.controller.orders.resume()
     leaning.run(0.2)
     assert leaning.mode is Mode.HOLDING
