@@ -98,7 +98,6 @@ NOTHING = [0] * 6
 )  # fmt: skip
 def test_a_wrench_is_that_of_the_contact_at_the_tip_in_base_axes(tmp_path, q, w, told, expected):
     run = recorded(tmp_path / "run", [q], wrenches=[w], **{"node": f"/left{NODE}"} | told)
-    assert run.wrench is not None
     assert_close(np.concatenate((run.wrench.f[0], run.wrench.mu[0])), expected)
 
 
@@ -111,10 +110,8 @@ def test_a_wrench_that_cannot_be_used_leaves_the_rest(tmp_path):
     assert measure("peak_orientation_error", run) == pytest.approx(math.degrees(0.2))
     write_page(tmp_path / "page.html", [Digest.of(run)], "", "")
     assert "run: the wrench cannot be moved to the tip" in (tmp_path / "page.html").read_text()
-    bare = recorded(tmp_path / "bare", [0.1])
-    assert bare.why_no_wrench == "no wrench was recorded"
-    wrong = {"wrench_sign": 2}
-    run = recorded(tmp_path / "w", [0.1], wrenches=[[1] * 6], parameters=wrong, node=NODE)
+    assert recorded(tmp_path / "bare", [0.1]).why_no_wrench == "no wrench was recorded"
+    run = complying(tmp_path / "w", FRAMES[:1], [[1] * 6], wrench_sign=2)
     assert "parameter 'wrench_sign' is 2; expected between -1 and 1" in run.why_no_wrench
 
 
@@ -189,7 +186,6 @@ def compliant(tmp_path: Path) -> Recording:
 
 def test_the_compliant_frame_is_seen_from_the_desired_frame(compliant):
     motion = compliant.compliant
-    assert motion is not None
     assert_close(motion.t, [0.0, 0.01, 0.02])
     assert_close(motion.p_cd_d, [[0, 0, 0], [0.01, 0, 0], [0, 0.003, -0.004]])
     rho = np.array([[0.0, 0, 0], [0, -0.4, 0], [0.1, 0.2, 0]])
@@ -356,7 +352,6 @@ def test_what_is_about_the_desired_frame_turns_with_it(tmp_path):
     # along x, K_p 1000, and about y, K_o 10, of the desired frame, whose y is -x of the base
     balance = [0.0, 10.0, 0.0, -10.0 * math.sin(0.4), 0.0, 0.0]
     run = complying(tmp_path, [frame], [balance], translational_frame="desired")
-    assert run.compliant is not None
     run = replace(run, compliant=replace(run.compliant, desired=Frames.of([desired])))
     assert measure("force_residual", run) == pytest.approx(0.0, abs=EXACT)
     assert measure("moment_residual", run) == pytest.approx(0.0, abs=EXACT)
@@ -382,7 +377,6 @@ def test_force_and_moment_count_at_the_centre_of_compliance(tmp_path):
     assert measure("apparent_stiffness", run) == pytest.approx(10 * math.sin(angle) / angle)
     assert measure("moment_axis_angle", run) == pytest.approx(0.0, abs=1e-6)
     assert measure("apparent_translational_stiffness", run) == pytest.approx(425 / 0.45)
-    assert run.impedance is not None
     assert_close(run.impedance.mu[0], mu, EXACT)
     # what was asked at the tip stays at the tip
     assert measure("final_moment", run) == pytest.approx(float(np.linalg.norm(balance[3:])))

@@ -42,11 +42,7 @@ def test_a_course_goes_straight_from_point_to_point_with_a_sine_and_stays(t, exp
 @pytest.mark.parametrize(
     ("times", "values", "swing"),
     [
-        ([], RAMP, []),
-        ([1.0], RAMP, []),
-        ([1.0, 1.0], RAMP, []),
-        ([-1.0, 1.0], RAMP, []),
-        ([1.0, math.inf], RAMP, []),
+        *((times, RAMP, []) for times in ([], [1.0], [1.0, 1.0], [-1.0, 1.0], [1.0, math.inf])),
         ([1.0, 2.0], [math.nan, *RAMP[1:]], []),
         ([1.0, 2.0], RAMP, [1.0]),
     ],
@@ -138,12 +134,21 @@ def test_in_lock_step_each_state_waits_for_what_reference_streams(tmp_path):
 
 
 # --- numbers ---------------------------------------------------------------------------------
-def pressing(folder: Path, f: list[float], f_d: list[float]):
-    """Return a run whose rod, its z along that of the base, presses along z."""
-    wrenches = [[0.0, 0.0, -each, 0.0, 0.0, 0.0] for each in f]
-    targets = [[0.0, 0.0, each, 0.0, 0.0, 0.0] for each in f_d]
-    told = {"parameters": {"force_axes": ["z"], "target_timeout": 0.1}, "node": f"/{NAME}"}
-    return recorded(folder / "run", [0.0] * len(f), wrenches=wrenches, targets=targets, **told)
+def along_z(forces):
+    """Return wrenches (6,) along z."""
+    return [[0.0, 0.0, each, 0.0, 0.0, 0.0] for each in forces]
+
+
+def run_of(folder: Path, count: int, **given):
+    """Return a run of impedance control whose rod, its z along that of the base, is at rest."""
+    return recorded(folder, [0.0] * count, **{"node": f"/{NAME}"} | given)
+
+
+def pressing(folder: Path, f: list[float], f_d: list[float], **given):
+    """Return a run whose rod presses along z."""
+    told = {"force_axes": ["z"], "target_timeout": 0.1}
+    wrenches = along_z(-each for each in f)
+    return run_of(folder, len(f), wrenches=wrenches, targets=along_z(f_d), parameters=told, **given)
 
 
 def acting(translation, rotation):
@@ -152,32 +157,26 @@ def acting(translation, rotation):
 
 
 def test_a_force_is_compared_with_its_target_along_the_force_axes(tmp_path):
-    found = pressing(tmp_path, [0.0, 0.0, 4.0, 12.0, 10.05, 9.95], [10.0] * 6)
+    found = pressing(tmp_path / "run", [0.0, 0.0, 4.0, 12.0, 10.05, 9.95], [10.0] * 6)
     assert measure("peak_force_error", found) == pytest.approx(10.0)
     assert measure("final_force_error", found) == pytest.approx(0.05)
     assert measure("force_settling_time", found) == pytest.approx(0.02)  # 10 ms a sample
     assert measure("force_overshoot", found) == pytest.approx(20.0)
+    left = pressing(tmp_path / "left", [0.0, 10.0, 10.0, 9.0], [10.0] * 4)
+    assert measure("force_settling_time", left) == math.inf  # it does not stay
 
 
-def test_a_force_that_does_not_stay_has_no_settling_time(tmp_path):
-    found = pressing(tmp_path, [0.0, 10.0, 10.0, 9.0], [10.0] * 4)
-    assert measure("force_settling_time", found) == math.inf
-
-
-def test_a_target_that_has_ended_is_none(tmp_path):
-    found = pressing(tmp_path, [5.0] * 20, [10.0] * 4)
+def test_without_a_target_or_after_it_has_ended_there_is_no_force_error(tmp_path):
+    found = pressing(tmp_path / "run", [5.0] * 20, [10.0] * 4)
     assert np.isnan(found.pressed.f_d[:, 2]).tolist() == [False] * 14 + [True] * 6
-
-
-def test_without_a_target_there_is_no_force_error(tmp_path):
-    found = recorded(tmp_path / "run", [0.0] * 3, wrenches=[[0.0] * 6] * 3)
+    found = run_of(tmp_path / "without", 3, wrenches=along_z([0.0] * 3))
     with pytest.raises(BagError, match="no target_wrench"):
         measure("peak_force_error", found)
 
 
 def test_a_force_that_swings_within_a_tenth_of_a_second_ripples(tmp_path):
     f = [10.0] * 50 + [10.0, 20.0] * 25 + [10.0] * 50
-    found = pressing(tmp_path, f, [10.0] * len(f))
+    found = pressing(tmp_path / "run", f, [10.0] * len(f))
     assert measure("rippling_time", found) == pytest.approx(0.6, abs=0.03)
     assert measure("rippling_time", found, most=11.0) == 0.0
 
@@ -188,11 +187,9 @@ def test_the_calming_time_is_from_the_first_swing_there_and_back_until_the_dampi
     p = ImpedanceParameters()
     Z = p.translation(), p.rotation()
     usual, damped = acting(*Z), acting(*(replace(each, D=3.0 * each.D) for each in Z))
-    wrenches = [[0.0, 0.0, -each, 0.0, 0.0, 0.0] for each in f]
 
     def calming_time(name, impedances, **options):
-        given = {"wrenches": wrenches, "node": f"/{NAME}", "impedances": impedances}
-        found = recorded(tmp_path / name, [0.0] * len(f), **given)
+        found = pressing(tmp_path / name, f, [], impedances=impedances)
         return measure("calming_time", found, **options)
 
     assert calming_time("calm", {0: usual, 150: damped}) == pytest.approx(0.59)  # 0.5 s and a way
@@ -205,9 +202,8 @@ def test_the_calming_time_is_from_the_first_swing_there_and_back_until_the_dampi
 
 
 def test_the_energy_of_a_contact_is_that_of_force_and_speed(tmp_path):
-    q = np.linspace(0.0, 0.1, 11)  # the tip goes down with 1 m/s at 1 m
-    wrenches = [[0.0, 0.0, 5.0, 0.0, 0.0, 0.0]] * 11  # and is pushed up, along z of the tip
-    found = recorded(tmp_path / "run", q, speeds=[1.0] * 11, wrenches=wrenches)
+    q = np.linspace(0.0, 0.1, 11)  # the tip goes down with 1 m/s at 1 m, and is pushed up
+    found = recorded(tmp_path / "run", q, speeds=[1.0] * 11, wrenches=along_z([5.0] * 11))
     assert measure("final_contact_energy", found) == pytest.approx(0.5)
 
 
@@ -217,27 +213,23 @@ def test_residuals_and_V_are_of_the_impedance_that_acted(tmp_path):
     p = ImpedanceParameters(**{name: tuple(values) for name, values in told.items()})
     stiffer = acting(*(replace(Z, K=3.0 * Z.K) for Z in (p.translation(), p.rotation())))
     moment = 20.0 * math.sin(0.1)  # (60), (66)
-    wrenches = [[0.0, 0.0, 10.0, 0.0, 0.0, moment]] * 3 + [
-        [0.0, 0.0, 30.0, 0.0, 0.0, 3 * moment]
-    ] * 3
+    balance = np.array([0.0, 0.0, 10.0, 0.0, 0.0, moment])
+    wrenches = [balance.tolist()] * 3 + [(3 * balance).tolist()] * 3
     frames = [DesiredFrame(np.array([1.0, 0.0, 0.01]), exp(np.array([0.0, 0.0, 0.1])))] * 6
-    run = {"compliant": frames, "wrenches": wrenches, "parameters": told, "node": f"/{NAME}"}
-    found = recorded(tmp_path / "run", [0.0] * 6, **run, impedances={3: stiffer})
+    run = {"compliant": frames, "wrenches": wrenches, "parameters": told}
+    found = run_of(tmp_path / "run", 6, **run, impedances={3: stiffer})
     for residual in ("force_residual", "moment_residual"):
         assert measure(residual, found) < 1e-9
     V = 40.0 * math.sin(0.05) ** 2  # 2 eps' K_o eps, (68)
     assert_close(found.lyapunov.V, [V] * 3 + [3 * V] * 3, 10 * ALGEBRAIC)
-    without = recorded(tmp_path / "without", [0.0] * 6, **run)
-    assert measure("force_residual", without) == pytest.approx(20.0)
+    assert measure("force_residual", run_of(tmp_path / "without", 6, **run)) == pytest.approx(20.0)
 
 
 def test_while_a_force_is_exerted_no_stiffness_has_to_account_for_it(tmp_path):
     frames = [DesiredFrame(np.array([1.0, 0.0, 0.01]), np.eye(3))] * 20
-    wrenches = [[0.0, 0.0, -7.0, 0.0, 0.0, 0.0]] * 15 + [[0.0, 0.0, 10.0, 0.0, 0.0, 0.0]] * 5
     told = {"K_p": [1000.0] * 3, "force_axes": ["z"], "target_timeout": 0.1}
-    run = {"compliant": frames, "wrenches": wrenches, "parameters": told, "node": f"/{NAME}"}
-    targets = [[0.0, 0.0, 7.0, 0.0, 0.0, 0.0]] * 5
-    found = recorded(tmp_path / "run", [0.0] * 20, **run, targets=targets)
+    run = {"wrenches": along_z([-7.0] * 15 + [10.0] * 5), "targets": along_z([7.0] * 5)}
+    found = run_of(tmp_path / "run", 20, compliant=frames, parameters=told, **run)
     assert measure("force_residual", found) < 1e-9
 
 
