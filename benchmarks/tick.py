@@ -57,7 +57,7 @@ def controller_of(info: SchemeInfo, robot: Robot, q: np.ndarray, **options: str)
         scheme.sense(SensedWrench(np.zeros(6), robot.placement(robot.tip_frame)))
     controller = Controller(scheme, ControllerOptions.of(parameters), q)
     frame = scheme.start_frame()
-    controller.orders.follow(CIRCLE.trajectory(frame.p_d, frame.R_d), None, 0.0)
+    controller.follow(CIRCLE.trajectory(frame.p_d, frame.R_d), None, 0.0)
     return controller
 
 

@@ -43,7 +43,7 @@ class ReachEnv(gymnasium.Env):
         return seen, {"distance [m]": float(distance), "angle [rad]": float(angle)}
 
     def step(self, action):  # noqa: D102
-        self.controller.orders.jog(SPEED * np.clip(action, -1.0, 1.0))
+        self.controller.jog(SPEED * np.clip(action, -1.0, 1.0))
         for _ in range(STEPS):
             state, self.t = self.arm.read(), self.t + STEP
             command = self.controller.step(self.t, state.q, state.dq)

@@ -21,7 +21,7 @@ def commands(arm, robot, info, orientation):
     controller = Controller(scheme, ControllerOptions(), np.array(arm.home))
     frame = scheme.start_frame()
     circle = Circle(0.1, np.array([1.0, 0.3, 0.0]), 2.0, 1.0, 0.5, 0.5)
-    controller.orders.follow(circle.trajectory(frame.p_d, frame.R_d), None)
+    controller.follow(circle.trajectory(frame.p_d, frame.R_d), None)
     rows, rng, dq = [], np.random.default_rng(0), 0.05 * np.ones(robot.n)
     for k in range(STEPS):
         if "wrench" in info.inputs:
@@ -29,7 +29,7 @@ def commands(arm, robot, info, orientation):
             scheme.sense(SensedWrench(wrench, robot.placement(arm.sensor_frame)))
         q = np.array(arm.home) + 1e-3 * k * dq
         if k == STEPS - 5:
-            controller.orders.halt()
+            controller.halt()
         command = controller.step((k + 1) * 4 * MS, q, dq, now=4e-3 * (k + 1))
         controller.guidance.lyapunov()
         assert command is not None

@@ -84,14 +84,14 @@ class Driver:
         q[joint] += angle
         goal = self.controller.scheme.frame_at(q)
         path = [(here.p_d, here.R_d), (goal.p_d, goal.R_d)]
-        self.controller.orders.follow(way_points([0.0, duration], path), None, self.now)
+        self.controller.follow(way_points([0.0, duration], path), None, self.now)
 
 
 def on_its_way(options=CHECKED, **parameters):
     """Return a UR5 under CLIK halfway to a goal, and that goal."""
     arm, goal = Driver(clik(limited=True, **parameters), HOME, options=options), moved(0.2)
     arm.run(0.1)
-    arm.controller.orders.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None, arm.now)
+    arm.controller.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None, arm.now)
     arm.run(0.75)
     return arm, goal
 
@@ -174,12 +174,12 @@ def test_after_a_jump_of_the_stamps_the_tip_brakes_along_its_path_within_the_lim
     options = replace(CHECKED, motion=MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0))
     arm, goal = on_its_way(options, max_joint_acceleration=(ACCELERATION,))
     if event == "halt":
-        arm.controller.orders.halt()
+        arm.controller.halt()
         arm.run(0.05)
     arm.step(stamps=jump)
     arm.run(0.05)
     if event == "aim":  # it goes on from where it is
-        arm.controller.orders.aim(goal, arm.now)
+        arm.controller.aim(goal, arm.now)
     else:
         stopped, jumped = (Mode.STOPPED, Cause.HALT), (Mode.HOLDING, Cause.STAMP_JUMP)
         expected = stopped if event == "halt" else jumped
@@ -251,7 +251,7 @@ def test_under_efforts_the_motion_goes_on_as_the_arm_does(missed, is_held, leap,
                 command = controller.step(T_0 + round(stamp * 1e9), q, dq, receipt)
                 tau = tau if command is None else command.effort  # None: at the same stamp again
         if step == 0:
-            controller.orders.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None)
+            controller.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None)
         ddq = plant.acceleration(plant.q, plant.dq, tau)
         if step > 345:
             a = plant.tip_acceleration(plant.q, plant.dq, ddq)
@@ -321,7 +321,7 @@ def test_a_rate_that_the_gains_do_not_bear_is_a_fault_or_a_warning(scheme, rate,
     arm = Driver(scheme(), HOME, period=1 / rate)
     for _ in range(15):
         arm.step()
-    why = arm.controller.supervisor.rate.why
+    why = arm.controller.rate.why
     assert fault in arm.controller.fault
     assert bool(fault) == bool(arm.controller.fault)
     assert warning in why.note
@@ -330,9 +330,7 @@ def test_a_rate_that_the_gains_do_not_bear_is_a_fault_or_a_warning(scheme, rate,
         assert arm.controller.why.cause is Cause.RATE_TOO_LOW
         assert arm.step() is not None  # it is held
         with pytest.raises(InvalidMessageError, match="too seldom"):
-            arm.controller.orders.follow(
-                SetPoint(arm.controller.scheme.frame_at(HOME), 0.1), None, 99.0
-            )
+            arm.controller.follow(SetPoint(arm.controller.scheme.frame_at(HOME), 0.1), None, 99.0)
 
 
 def test_the_remedy_of_a_rate_that_is_too_low_helps():
@@ -356,7 +354,7 @@ def test_jitter_about_the_bound_does_not_toggle_the_verdict():
     verdicts = []
     for _ in range(2000):
         arm.step(0.0105 * random.uniform(0.7, 1.3))
-        verdicts.append(arm.controller.supervisor.rate.is_too_low)
+        verdicts.append(arm.controller.rate.is_too_low)
     assert sum(before != after for before, after in pairwise(verdicts)) <= 1
 
 

@@ -277,7 +277,7 @@ class Blocked(Simulated):
         solids = {"tool_shape": "sphere", "tool_size": [0.01], "environment": {"wall": wall}}
         super().__init__(name, self.parameters, rate=rate, **solids)
         self.end = self.start._replace(p_d=self.start.p_d + [0.0, 0.3, 0.0])
-        self.controller.orders.follow(Trajectory([0.0, 3.0], [self.start, self.end]), None)
+        self.controller.follow(Trajectory([0.0, 3.0], [self.start, self.end]), None)
         self.speeds, self.forces = [], []
         limits = self.parameters.motion_limits()
         self.most = np.array([limits.linear_speed, limits.angular_speed])
@@ -318,7 +318,7 @@ def test_a_blocked_arm_pushes_and_then_follows_without_a_stop_or_a_lunge(name, r
 def test_a_blocked_arm_pushes_no_more_while_its_motion_goes_on_and_can_be_called_back():
     run = Blocked("ur5", 200.0, 100.0).go(1.5)
     assert max(run.forces) < 1.1 * 50.0  # the acceleration of the motion is besides
-    run.controller.orders.aim(run.start)
+    run.controller.aim(run.start)
     run.go(0.7)
     assert_close(run.y, 0.0, 0.005)
     assert not run.controller.fault
@@ -327,7 +327,7 @@ def test_a_blocked_arm_pushes_no_more_while_its_motion_goes_on_and_can_be_called
 
 def test_where_no_spring_acts_a_tip_beyond_its_speed_is_braked():
     run = Blocked("ur5", 200.0, 0.01, K_p=(1000.0, 1000.0, 0.0))
-    run.controller.orders.aim(run.start)
+    run.controller.aim(run.start)
     run.simulator.set_external_wrench(np.array([0.0, 0.0, 20.0, 0.0, 0.0, 0.0]))
     run.go(2.0)
     assert 0.9 * run.most[0] < np.max(run.speeds, axis=0)[0] < 1.25 * run.most[0]
@@ -338,7 +338,7 @@ def test_where_no_spring_acts_a_tip_beyond_its_speed_is_braked():
 def test_a_force_is_added_to_that_of_the_springs_and_taken_back():
     """A wall of k = 2e4 N/m, 1 mm before the desired frame: f = 15 N + K_p (1 mm - f / k)."""
     run = Blocked("ur5", 200.0, 2.0)
-    run.controller.orders.aim(run.start._replace(p_d=run.start.p_d + [0.0, 0.021, 0.0]))
+    run.controller.aim(run.start._replace(p_d=run.start.p_d + [0.0, 0.021, 0.0]))
     run.go(1.0)
 
     def press(force, ticks=200):
@@ -365,7 +365,7 @@ def test_a_force_ends_with_a_halt_and_the_springs_have_to_hold_it():
     run.go(0.1)
     assert_close(run.scheme.fed, [0.0, 0.0, 5.0])
     assert run.scheme.springs == (run.scheme.elasticity, 1.0)
-    run.controller.orders.halt()
+    run.controller.halt()
     run.go(0.5)
     assert not run.scheme.is_pressing
     assert run.scheme.springs is None

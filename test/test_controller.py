@@ -51,7 +51,7 @@ def moving_controller(*chosen, **options):
     """Return a controller on its way, its last command and the stamp of it."""
     running = controller(*chosen, **options)
     goal = moved(0.1, 0.5)
-    running.orders.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
+    running.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
     for step in range(300):
         t = T_0 + step * MS
         command = running.step(t, HOME, STILL)
@@ -80,7 +80,7 @@ def test_a_stamp_that_is_repeated_gets_the_identical_command_and_integrates_noth
     after, expected = (one.step(t + MS, HOME, STILL) for one in (running, twin))
     np.testing.assert_array_equal(after.q, expected.q)
     np.testing.assert_array_equal(after.dq, expected.dq)
-    assert running.supervisor.resets == 0
+    assert running.resets == 0
 
 
 @pytest.mark.parametrize(("dq", "dx"), [(0.0, 0.01), (0.1, 0.0)])
@@ -101,7 +101,7 @@ def test_a_state_that_is_older_than_the_last_one_is_refused(back):
         running.step(t - back, HOME + 0.02, STILL)
     after, expected = (one.step(t + MS, HOME, STILL) for one in (running, twin))
     np.testing.assert_array_equal(after.q, expected.q)
-    assert running.supervisor.resets == 0
+    assert running.resets == 0
 
 
 def test_a_state_that_the_arm_cannot_have_reached_is_refused_while_limits_are_on():
@@ -127,11 +127,11 @@ def test_after_a_jump_of_the_stamp_nothing_is_integrated_and_the_measured_pose_h
     running, _, t = moving_controller(feedback=feedback)
     measured = HOME + 0.02
     command = running.step(t + jump, measured, STILL)
-    assert running.supervisor.resets == 1
+    assert running.resets == 1
     np.testing.assert_array_equal(command.q, measured)
     assert_close(command.dq, 0, 100 * HELD)
     assert_holds(running, t + jump + MS, measured)
-    assert running.supervisor.resets == 1
+    assert running.resets == 1
 
 
 def move_in_all_ways(scheme):
@@ -149,24 +149,24 @@ def move_in_all_ways(scheme):
     with patch("numba.core.dispatcher.Dispatcher.compile", side_effect=AssertionError):
         go_on(3)
         for seconds in (0.1, 1.0):  # too fast, then within the limits, which join on the way
-            running.orders.follow(way_points([seconds], [(goal.p_d, goal.R_d)]), None)
+            running.follow(way_points([seconds], [(goal.p_d, goal.R_d)]), None)
             go_on(100)
         for dp_d in (dp, 0 * dp):
             for n in range(20):
                 there = running.guidance.motion.last
                 frame = DesiredFrame(there.p_d + 0.005 * n * dp, there.R_d, dp_d)
-                running.orders.follow(SetPoint(frame, 0.1), None)
+                running.follow(SetPoint(frame, 0.1), None)
                 go_on(5)
-        running.orders.aim(goal)
+        running.aim(goal)
         go_on(200)
-        running.orders.jog(np.array([*dp, 0.0, 0.2, 0.0]))
+        running.jog(np.array([*dp, 0.0, 0.2, 0.0]))
         go_on(100)
         running.changed(replace(options, motion=replace(options.motion, linear_speed=0.05)))
         running.changed(replace(options, speed_override=0.5))
         go_on(100)
         assert not running.guidance.motion.is_at_rest
         assert running.fault == ""
-        running.orders.halt()
+        running.halt()
         go_on(300)
     assert running.mode is Mode.STOPPED
 
@@ -182,7 +182,7 @@ def test_a_goal_out_of_reach_is_gone_to_without_swinging(way):
     options = {"shape_motion": True, "max_joint_acceleration": (10.0,)}
     scheme = clik(limited=True, k_Po=200.0, **options)
     running, home = Controller(scheme, ControllerOptions(motion=LIMITS), HOME), pose_of(HOME)
-    running.orders.aim(home._replace(p_d=home.p_d + way))
+    running.aim(home._replace(p_d=home.p_d + way))
     command, v = JointCommand(HOME, STILL), np.zeros(3)
     for step in range(1500):
         command = running.step(T_0 + 4 * step * MS, command.q, command.dq)
@@ -202,7 +202,7 @@ def slower(limits, **others):
 def test_an_arm_under_efforts_whose_speed_limits_are_lowered_does_not_run_away():
     plant, scheme, goal = Plant(), dynamic_control(), moved(0.2)
     running = Controller(scheme, ControllerOptions(), HOME)
-    running.orders.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None)
+    running.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None)
     speeds = []
     for step in range(2000):
         if step == 600:
@@ -227,7 +227,7 @@ def test_speed_limits_that_are_lowered_in_motion_are_come_to_within_the_accelera
     running = controller(options, limited=True, **accelerations)
     commands = [JointCommand(HOME, STILL)]
     goal = moved(0.2)
-    running.orders.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None)
+    running.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None)
     for step in range(1800 // dt):
         if step == 700 // dt:
             running.scheme.bound(slower(running.scheme.limits))
@@ -250,18 +250,18 @@ def test_speed_limits_that_are_lowered_in_motion_are_come_to_within_the_accelera
 def test_a_target_that_no_arm_reaches_is_refused(value):
     running = controller()
     with pytest.raises(InvalidMessageError, match="out of reach" if value == 1e3 else "target"):
-        running.orders.aim(moved(value))
+        running.aim(moved(value))
     if not math.isfinite(value):
         with pytest.raises(InvalidMessageError, match="target"):
-            running.orders.jog(np.full(6, value))
+            running.jog(np.full(6, value))
         with pytest.raises(InvalidMessageError):
-            running.orders.follow(SetPoint(moved(value), 0.1), None)
+            running.follow(SetPoint(moved(value), 0.1), None)
     assert running.mode is Mode.HOLDING
 
 
 def test_while_the_speed_override_is_0_a_reference_moves_nothing():
     running, goal = controller(ControllerOptions(motion=LIMITS, speed_override=0.0)), moved(0.1)
-    running.orders.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
+    running.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
     assert_holds(running, T_0, HOME)
     assert_holds(running, T_0 + 500 * MS, HOME)
 
@@ -277,7 +277,7 @@ def test_a_reference_that_begins_too_far_away_is_refused_with_numbers(x, angle, 
     frame = moved(x, angle)
     motion = Trajectory([0.0], [frame]) if as_trajectory else SetPoint(frame, 0.1)
     with pytest.raises(InvalidMessageError) as refusal:
-        running.orders.follow(motion, None)
+        running.follow(motion, None)
     away = f"begins {abs(x):.3f} m and {math.degrees(abs(angle)):.1f} deg away"
     assert away in str(refusal.value)
     assert_holds(running, T_0 + MS, HOME)
@@ -288,7 +288,7 @@ def test_a_reference_that_begins_near_is_followed_at_once(x, angle):
     running = controller()
     running.step(T_0, HOME, STILL)
     frame = moved(x, angle)
-    running.orders.follow(SetPoint(frame, 0.1), None)
+    running.follow(SetPoint(frame, 0.1), None)
     running.step(T_0 + MS, HOME, STILL)
     np.testing.assert_array_equal(running.guidance.tick_now.desired.p_d, frame.p_d)
     np.testing.assert_array_equal(running.guidance.tick_now.desired.R_d, frame.R_d)
@@ -301,10 +301,10 @@ def test_a_trajectory_that_started_long_ago_is_refused_where_it_has_come_far_sin
     here, goal = moved(), moved(0.3, 1.0)
     late = way_points(times, [(here.p_d, here.R_d), (goal.p_d, goal.R_d)])
     with pytest.raises(InvalidMessageError, match=r"0\.300 m and 57\.3 deg"):
-        running.orders.follow(late, T_0 - 5000 * MS)
+        running.follow(late, T_0 - 5000 * MS)
     assert_holds(running, T_0 + MS, HOME)
     for start in (T_0, T_0 - 10 * MS, T_0 + 5000 * MS):
-        running.orders.follow(late, start)
+        running.follow(late, start)
 
 
 def out_of(reach, way, frame):
@@ -326,11 +326,11 @@ def test_what_leads_beyond_the_stretched_arm_is_refused_first(motion_to):
     running.step(T_0, HOME, STILL)
     for way in (1.02, math.nan):
         with pytest.raises(InvalidMessageError, match=r"out of reach|expected finite values"):
-            running.orders.follow(motion_to(out_of(UR5.reach, way, pose_of(HOME))), None)
+            running.follow(motion_to(out_of(UR5.reach, way, pose_of(HOME))), None)
     assert_holds(running, T_0 + MS, HOME)
     assert running.mode is Mode.HOLDING
     running = controller(ANY_JUMP)
-    running.orders.follow(motion_to(out_of(UR5.reach, 0.99, pose_of(HOME))), None)
+    running.follow(motion_to(out_of(UR5.reach, 0.99, pose_of(HOME))), None)
     assert running.guidance.motion.waiting
 
 
@@ -359,15 +359,15 @@ def test_where_a_reference_is_required_there_is_silence_until_the_first():
         assert running.step(T_0 + step * MS, HOME, STILL) is None
     assert running.guidance.tick_now is None
     with pytest.raises(InvalidMessageError):
-        running.orders.follow(SetPoint(moved(0.2), 0.1), None)
+        running.follow(SetPoint(moved(0.2), 0.1), None)
     assert running.step(T_0 + 50 * MS, HOME, STILL) is None  # one refused is no reference
     assert running.step(T_0 + 9000 * MS, elsewhere, STILL) is None  # moved by others
-    running.orders.follow(SetPoint(pose_of(elsewhere), 0.1), None)
+    running.follow(SetPoint(pose_of(elsewhere), 0.1), None)
     assert_holds(running, T_0 + 9001 * MS, elsewhere)
-    assert running.supervisor.resets == 0
+    assert running.resets == 0
     running = controller(ControllerOptions(require_reference=True))
     running.step(T_0, HOME, STILL)
-    running.orders.follow(SetPoint(moved(), 0.1), None)
+    running.follow(SetPoint(moved(), 0.1), None)
     assert_holds(running, T_0 + MS, elsewhere)
     assert "moved before the reference began" in running.fault
 
@@ -376,7 +376,7 @@ def test_where_a_reference_is_required_there_is_silence_until_the_first():
 def test_an_arm_that_does_not_follow_is_held_where_it_was_measured():
     running = controller(limited=True, max_deviation=0.05)
     goal = moved(0.2, 0.8)
-    running.orders.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
+    running.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
     t = T_0
     while not running.fault:
         command = running.step(t, HOME, STILL)
@@ -396,7 +396,7 @@ def test_an_arm_is_at_rest_when_its_joints_were_measured_to_be():
     running = controller()
     for speed, rests in ((0.0, True), (0.009, True), (0.011, False), (-0.5, False)):
         running.step(T_0 + int(1e9 * (1 + speed)), HOME, speed * np.eye(6)[3])
-        assert running.acting.is_at_rest == rests
+        assert running.is_at_rest == rests
 
 
 @pytest.mark.parametrize("scheme", [clik, dynamic_control])
@@ -406,29 +406,29 @@ def test_references_that_are_refused_do_not_move_an_arm_that_is_held(scheme):
     for asks in (False, True):
         running = Controller(scheme(), ControllerOptions(), HOME)
         running.step(T_0, HOME, STILL)
-        running.orders.halt()
+        running.halt()
         held.append([running.step(T_0 + MS, HOME, STILL)])
         for step in range(2, 50):
             held[-1].append(running.step(T_0 + step * MS, HOME + sag, STILL))
             if asks:
                 with pytest.raises(InvalidMessageError):
-                    running.orders.follow(SetPoint(moved(0.3, 1.0), 0.1), None)
+                    running.follow(SetPoint(moved(0.3, 1.0), 0.1), None)
     for left, asked in zip(*held, strict=True):
         np.testing.assert_equal(asked, left)
 
 
 def test_a_reference_is_compared_with_where_an_arm_that_is_held_has_come_to():
     running, _, t = moving_controller()
-    running.orders.halt()
+    running.halt()
     there, t = HOME + 0.3, t + MS  # moved by others
     running.step(t, there, STILL)
-    while not running.acting.is_at_rest:  # its commands brake
+    while not running.is_at_rest:  # its commands brake
         t += MS
         running.step(t, there, STILL)
-    running.orders.resume()
+    running.resume()
     with pytest.raises(InvalidMessageError):
-        running.orders.follow(SetPoint(pose_of(HOME), 0.1), None)
-    running.orders.follow(SetPoint(pose_of(there), 0.1), None)
+        running.follow(SetPoint(pose_of(HOME), 0.1), None)
+    running.follow(SetPoint(pose_of(there), 0.1), None)
     assert_holds(running, t + MS, there)
 
 
@@ -441,7 +441,7 @@ def test_a_stream_that_the_tip_lags_is_not_refused(rate, twists):
         if step % (1000 // rate) == 1:
             frame = moved(speed * (step - 1) / 1000)
             frame = frame._replace(dp_d=speed * np.eye(3)[0]) if twists else frame
-            running.orders.follow(SetPoint(frame, 0.1), None)
+            running.follow(SetPoint(frame, 0.1), None)
         running.step(T_0 + step * MS, HOME, STILL)
     tip = running.guidance.motion.last.p_d[0] - pose_of(HOME).p_d[0]
     assert tip > speed * (1.5 - 2 / rate - 0.15)
@@ -478,7 +478,7 @@ def feed(running, motions, steps=4, dt=8 * MS):
     t, q, dq, faults = T_0, HOME, STILL, 0
     for motion in motions:
         with suppress(InvalidMessageError):  # what is refused is not followed
-            running.orders.follow(motion, None)
+            running.follow(motion, None)
         for _ in range(steps):
             t += dt
             command = running.step(t, q, dq)
@@ -527,6 +527,6 @@ def test_garbage_does_not_survive_in_the_controller(scheme):
             assert_close(command.effort, g, 1e3 * ALGEBRAIC)
     if command.q is not None:
         assert_holds(running, t + 3 * MS, HOME)
-    running.orders.follow(SetPoint(pose_of(HOME), 0.05), None)
+    running.follow(SetPoint(pose_of(HOME), 0.05), None)
     assert is_finite(running.step(t + 6 * MS, HOME, STILL))
     assert running.fault == ""

@@ -329,7 +329,7 @@ class Run:
                 self.plant.step(command.effort)
 
     def follow(self, frame, duration):
-        self.controller.orders.follow(way_points([duration], [frame[:2]]), None)
+        self.controller.follow(way_points([duration], [frame[:2]]), None)
 
 
 def test_the_rate_is_kept_through_a_change_of_law_a_hold_a_fault_and_a_new_reference():
@@ -342,9 +342,9 @@ def test_the_rate_is_kept_through_a_change_of_law_a_hold_a_fault_and_a_new_refer
     for name, gain in (("euler_angles", 900.0), ("angle_axis", 200.0)):
         change(run.scheme, orientation=name, k_Po=gain, k_Pp=gain)
         run.steps(60)
-    run.controller.orders.halt()  # in the middle of the motion
+    run.controller.halt()  # in the middle of the motion
     run.steps(600)
-    run.controller.orders.resume()
+    run.controller.resume()
     run.follow(goal, 0.6)
     run.steps(150)
     run.steps(600, held=True)  # somebody holds the arm until the error is too large

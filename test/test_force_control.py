@@ -96,20 +96,20 @@ def test_a_force_is_reached_on_what_is_soft_and_on_what_is_stiff(name, rate, sti
 @pytest.mark.parametrize("end", ["stream", "halt", "fault"])
 def test_where_pressing_ends_the_arm_stays_where_it_is(end):
     arm = Pressing(gap=0.02, max_contact_force=12.0).press(3.0)
-    x, orders = arm.x[-1], arm.controller.orders
+    x, controller = arm.x[-1], arm.controller
     assert arm.f[-1] == pytest.approx(FORCE, rel=0.01)
     if end == "fault":
         arm.simulator.set_external_wrench(np.array([0.0, 0.0, -4.0, 0.0, 0.0, 0.0]))
         arm.run(0.01)
         arm.simulator.set_external_wrench(None)
     elif end == "halt":
-        orders.halt()
+        controller.halt()
     else:
-        orders.settle(Why(Cause.STREAM_ENDED))
+        controller.settle(Why(Cause.STREAM_ENDED))
     arm.run(1.0)
     assert arm.controller.mode is (Mode.HOLDING if end == "stream" else Mode.STOPPED)
     if end == "halt":  # nothing goes on by itself
-        orders.resume()
+        controller.resume()
         arm.run(0.5)
     assert not arm.scheme.force.is_on
     assert np.abs(np.array(arm.x[-1000:]) - x).max() < 2e-3

@@ -243,7 +243,7 @@ def test_V_3_is_that_of_the_centre_and_its_measured_rate_that_of_eq_69():
     Z = {"M_o": (0.5, 1.0, 2.0), "D_o": (8.0, 12.0, 16.0), "K_o": (20.0, 50.0, 100.0)}
     scheme = admittance(**Z, **AT_CENTRE)
     controller = Controller(scheme, ControllerOptions(), at_the_middle())
-    controller.orders.follow(SetPoint(MIDDLE, 10.0), 0)
+    controller.follow(SetPoint(MIDDLE, 10.0), 0)
     rates = []
     for k in range(200):
         w = np.array([20.0, -30.0, 0.0, 8 * math.sin(0.03 * k), 5.0, -4 * math.cos(0.05 * k)])
@@ -335,7 +335,7 @@ def test_a_trajectory_waits_while_the_wrench_is_lost():
     scheme, R = admittance(), MIDDLE.R_d
     controller = Controller(scheme, ControllerOptions(), at_the_middle())
     path = Trajectory([0.0, 0.2], [MIDDLE, there])
-    controller.orders.follow(path, 0)
+    controller.follow(path, 0)
     for k in range(400):
         lost = 100 <= k < 200
         scheme.sense(None if lost else sensed_at_tip(NO_WRENCH, R))
@@ -343,7 +343,7 @@ def test_a_trajectory_waits_while_the_wrench_is_lost():
         t = k if k < 100 else max(99, k - 100)
         found, expected = controller.guidance.tick_now.desired, path.sample(t * DT)
         assert_close(found.p_d, expected.p_d, 1e-9)
-    controller.orders.follow(Trajectory([0.0, 0.2], [there, MIDDLE]), None)
+    controller.follow(Trajectory([0.0, 0.2], [there, MIDDLE]), None)
     for k in range(400, 501):
         controller.step(k * MS, at_the_middle(), STILL)  # the next one waits no more
     assert controller.guidance.tick_now.desired.p_d[1] - MIDDLE.p_d[1] == pytest.approx(0.015)

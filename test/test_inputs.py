@@ -34,7 +34,7 @@ from std_msgs.msg import String
 from tolerances import RELATIVE, THROUGH_A_QUATERNION
 
 from eulerparams_control.control.clock import steady
-from eulerparams_control.control.orders import Orders
+from eulerparams_control.control.controller import Controller
 from eulerparams_control.errors import InvalidMessageError, RobotError
 from eulerparams_control.laws.rotations import angle_between
 from eulerparams_control.messages.from_ros import JointStateReader
@@ -493,7 +493,7 @@ class Asked(list[tuple[str, Any, Any]]):
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         for name in ("aim", "jog"):
             ask = lambda _, target, now, n=name: self.append((n, target, now))  # noqa: E731
-            monkeypatch.setattr(Orders, name, ask)
+            monkeypatch.setattr(Controller, name, ask)
 
 
 def stamped(seconds: float) -> Time:

@@ -72,7 +72,7 @@ class Arm:
     def send(self, msg):
         """Send a message."""
         motion, start = motion_from_ros(msg, UR5.base_frame, UR5.tip_frame, 0.1)
-        self.controller.orders.follow(motion, start)
+        self.controller.follow(motion, start)
 
     def run(self, seconds, events=()):
         """Step; events are pairs of a time [s] and a message."""

@@ -49,7 +49,7 @@ def test_dynamic_control_tracks_the_motion_of_a_robot_within_its_limits(name):
     q_0 = inverse_kinematics(robot, motion.frames[0], home)
     arm = Simulated(name, parameters, q_0, rate=500, each=2, **given.get("pybullet_bridge", {}))
     assert arm.robot.joints == robot.joints
-    arm.controller.orders.follow(motion, 0)
+    arm.controller.follow(motion, 0)
     for _ in range(2000):  # until it is there
         arm.step(arm.simulator.read())
         tick = arm.controller.guidance.tick_now

@@ -40,12 +40,12 @@ def leaned_on(arm, axis, law="dynamic_control", **parameters):
 def lead(leaning, *way):
     """Order a motion by some way [m]."""
     here = leaning.scheme.start_frame()
-    leaning.controller.orders.aim(DesiredFrame(here.p_d + way, here.R_d), leaning.now)
+    leaning.controller.aim(DesiredFrame(here.p_d + way, here.R_d), leaning.now)
 
 
 def halted_before(leaning, hand, most):
     """Its hold has got as stiff as it may."""
-    leaning.controller.orders.halt()
+    leaning.controller.halt()
     leaning.run(0.5)
     leaning.forget()
     hand.grow(leaning, most)
@@ -53,7 +53,7 @@ def halted_before(leaning, hand, most):
 
 def halted_while_it_is_pushed(leaning, hand, most):
     hand.grow(leaning, most)
-    leaning.controller.orders.halt()
+    leaning.controller.halt()
     leaning.forget()
 
 
@@ -116,7 +116,7 @@ def test_a_load_that_was_lifted_and_that_nobody_declared_is_held_and_not_let_go(
     leaning.run(1.0)
     lead(leaning, 0.0, 0.0, 0.15)
     leaning.run(2.0)
-    leaning.controller.orders.halt()
+    leaning.controller.halt()
     leaning.run(0.2)
     leaning.forget()
     leaning.run(1.0)
@@ -153,9 +153,9 @@ def test_where_commands_act_late_or_slowly_the_hold_is_softer_and_does_not_swing
     plant = {"viscous": 0.0, "coulomb": 0.0, "rotors": 0.0}
     leaning = Leaning("dynamic_control", arm, parameters=given, late=late, **plant)
     leaning.run(0.1)
-    leaning.controller.orders.jog(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.5]), leaning.now)
+    leaning.controller.jog(np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.5]), leaning.now)
     leaning.run(0.1)
-    leaning.controller.orders.halt()
+    leaning.controller.halt()
     leaning.run(2.0)
     leaning.forget()
     leaning.run(1.0)
@@ -191,7 +191,7 @@ def test_an_arm_that_ran_away_gets_no_efforts_until_it_is_resumed(law):
     assert leaning.efforts == [None] * len(leaning.efforts)
     with pytest.raises(InvalidMessageError, match="~/resume"):
         lead(leaning, 0.0, 0.0, 0.0)
-    leaning.controller.orders.resume()
+    leaning.controller.resume()
     leaning.run(0.2)
     assert leaning.mode is Mode.HOLDING
     assert leaning.efforts[-1] is not None

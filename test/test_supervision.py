@@ -21,10 +21,9 @@ from eulerparams_control.control.mode import (
     Latch,
     Mode,
     ModeEvent,
+    ModeState,
     Why,
-    transition,
 )
-from eulerparams_control.control.modes import Distrusting, Holding, Releasing, Waiting
 from eulerparams_control.control.speed_scaling import LEAST, LOOK, Nearness, SpeedScaling
 from eulerparams_control.errors import InvalidMessageError, SingularityError, UnsafeCommandError
 from eulerparams_control.laws.limits import POSITION_RATE, JointLimits
@@ -170,7 +169,7 @@ def following(scheme, now=None):
     """Return a controller on its way, and the stamp and state of its last step."""
     running = Controller(scheme, CHECKED, HOME)
     goal = moved(0.1, 0.4)
-    running.orders.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
+    running.follow(way_points([1.0], [(goal.p_d, goal.R_d)]), None)
     q, dq = HOME.copy(), STILL
     for step in range(200):
         t = T_0 + step * MS
@@ -248,7 +247,7 @@ def test_after_a_singularity_the_arm_is_held_until_the_next_reference():
         assert running.fault == "of all things"
     assert not command.dq.any()
     here = running.scheme.frame_at(command.q)
-    running.orders.follow(way_points([1.0], [(here.p_d, here.R_d)]), None)
+    running.follow(way_points([1.0], [(here.p_d, here.R_d)]), None)
     running.step(t + 600 * MS, command.q, command.dq)
     assert (running.mode, running.fault) == (Mode.FOLLOWING, "")
 
@@ -324,7 +323,7 @@ def test_positions_that_stay_while_speeds_are_reported_are_not_believed():
 def test_an_arm_that_runs_away_while_it_is_held_gets_no_efforts_until_it_is_resumed():
     running, t, q, _, _ = following(clik(limited=True))
     limit = UR5.limits.velocity
-    running.orders.halt()
+    running.halt()
     assert running.step(t + MS, q + 0.003, 1.6 * limit) is not None  # it takes positions
     running, t, q, _, _ = following(dynamic_control())
     for step in range(1, 100):  # in lock-step the robot does not go on without a command
@@ -333,18 +332,18 @@ def test_an_arm_that_runs_away_while_it_is_held_gets_no_efforts_until_it_is_resu
     assert "runs away" in running.fault
     np.testing.assert_allclose(command.effort, UR5.dynamic_state(q, STILL).g, atol=2.0)
     running, t, q, _, now = following(dynamic_control(), now=50.0)
-    running.orders.halt()
+    running.halt()
     assert running.step(t + MS, q, 0.9 * limit, now + DT) is not None  # its efforts stop it
     t_0, t = t, lets_go(running, t + 2 * MS, q + 0.003, 1.6 * limit, now + 2 * DT)
     assert "runs away" in running.fault
-    q, now = running.acting.q, now + (t - t_0) / 1e9
+    q, now = running.q, now + (t - t_0) / 1e9
     for step in range(400):  # it stands; nothing restarts by itself
         assert running.step(t + step * MS, q, STILL, now + step * DT) is None
     assert "runs away" in running.fault
     assert running.mode is Mode.STOPPED
-    running.orders.halt()  # nor by other stops
+    running.halt()  # nor by other stops
     assert running.step(t + 401 * MS, q, STILL, now + 0.401) is None
-    running.orders.resume()
+    running.resume()
     command = running.step(t + 402 * MS, q, STILL, now + 0.402)
     np.testing.assert_allclose(command.effort, UR5.dynamic_state(q, STILL).g, atol=1e-6)
 
@@ -352,7 +351,7 @@ def test_an_arm_that_runs_away_while_it_is_held_gets_no_efforts_until_it_is_resu
 def test_an_arm_that_still_moves_long_after_it_was_stopped_gets_no_efforts():
     """A loop that is late swings instead of coming to rest."""
     running, t, q, _, now = following(dynamic_control(), now=50.0)
-    running.orders.halt()
+    running.halt()
     commands = []
     for step in range(1, 700):
         dq = np.full(6, 2.5 * math.cos(step / 20))
@@ -374,7 +373,7 @@ def test_states_that_stay_late_are_taken_again_after_a_second_where_the_arm_is_t
             pass
     assert taken[0] == pytest.approx(1000, abs=90)
     assert taken == list(range(taken[0], 1200))
-    assert running.supervisor.resets == 1  # it holds: the motion is over
+    assert running.resets == 1  # it holds: the motion is over
     running, t, q, _, now = following(dynamic_control(), now=50.0)
     for step in range(1, 3000):  # under efforts never
         with pytest.raises(InvalidMessageError, match="deactivate and activate"):
@@ -389,7 +388,7 @@ def test_after_an_outage_what_was_under_way_is_refused(scheme):
     with pytest.raises(InvalidMessageError, match="later than the best one"):
         running.step(t + 500 * MS, q, STILL, now + 1.501)
     assert running.step(t + 1502 * MS, q, STILL, now + 1.502) is not None
-    assert running.supervisor.resets == 1
+    assert running.resets == 1
 
 
 @pytest.mark.parametrize("duration", [0.0, 0.02, 0.6, 1.6])
@@ -397,13 +396,13 @@ def test_a_stream_has_to_pause_after_a_fault_by_the_clock_that_goes_on(duration)
     running, t, q, _, now = following(clik(limited=True), now=50.0)
     here = running.scheme.frame_at(q)
     motion = SetPoint(here, 0.1) if not duration else way_points([duration], [(here.p_d, here.R_d)])
-    running.orders.follow(motion, None, now - 0.02)
+    running.follow(motion, None, now - 0.02)
     running.step(t, q + 1e-6, STILL, now)  # another state under the same stamp
     assert running.why.cause is Cause.STAMP_STUCK
     for step in range(100):  # no states come meanwhile
         with pytest.raises(InvalidMessageError, match="send nothing for"):
-            running.orders.follow(motion, None, now + 0.02 * step)
-    running.orders.follow(motion, None, now + 0.02 * 99 + 0.51)
+            running.follow(motion, None, now + 0.02 * step)
+    running.follow(motion, None, now + 0.02 * 99 + 0.51)
     assert running.fault == ""
 
 
@@ -414,10 +413,10 @@ def test_a_set_point_whose_twist_leads_far_away_is_refused_wherever_it_ends(acce
         dp_d=np.array([10.0, 0.0, 0.0]), ddp_d=np.array([-200.0 if accelerates else 0.0, 0.0, 0.0])
     )
     with pytest.raises(InvalidMessageError, match="twist of the set-point leads"):
-        running.orders.follow(SetPoint(there_and_back, 0.1), None)
+        running.follow(SetPoint(there_and_back, 0.1), None)
     spinning = pose_of(HOME)._replace(omega_d=np.array([0.0, 0.0, 2 * math.pi / 0.1]))
     with pytest.raises(InvalidMessageError, match="twist of the set-point leads"):
-        running.orders.follow(SetPoint(spinning, 0.1), None)
+        running.follow(SetPoint(spinning, 0.1), None)
 
 
 @pytest.mark.parametrize("scheme", [clik, dynamic_control])
@@ -454,7 +453,7 @@ def test_an_arm_that_ran_away_is_seen_to_stand_though_its_speeds_are_noisy():
     random = generator(603)
     t_0, t = t, lets_go(running, t + MS, q, 1.6 * UR5.limits.velocity, now + DT)
     assert "wrist_1_joint at 5.12 rad/s" in running.fault
-    q, now = running.acting.q, now + (t - t_0) / 1e9
+    q, now = running.q, now + (t - t_0) / 1e9
     modes = []
     for k in range(400):
         noisy = q + random.normal(0, 1e-4, 6), random.normal(0, 0.01, 6)
@@ -474,7 +473,7 @@ def test_a_law_that_is_never_finite_leaves_the_arm_to_its_brakes_after_it_let_go
     running.scheme.hold = lambda *a: never_finite(hold(*a))
     t_0, t = t, lets_go(running, t + MS, q, dq, now + DT)
     assert "non-finite effort" in running.fault
-    q, now = running.acting.q, now + (t - t_0) / 1e9
+    q, now = running.q, now + (t - t_0) / 1e9
     assert [running.step(t + k * MS, q, dq, now + k * DT) for k in range(50)] == [None] * 50
 
 
@@ -497,7 +496,7 @@ def released():
     running, t, q, _, now = following(dynamic_control(), now=50.0)
     since = t
     t = lets_go(running, t + MS, q, 1.6 * UR5.limits.velocity, now + DT)
-    q, now = running.acting.q, now + (t - since) / 1e9
+    q, now = running.q, now + (t - since) / 1e9
     for k in range(400):
         assert running.step(t + k * MS, q, STILL, now + k * DT) is None
     return running, t + 400 * MS, q, now + 400 * DT
@@ -506,8 +505,8 @@ def released():
 def test_a_reference_that_comes_right_after_the_resume_of_a_released_arm_is_followed():
     running, t, q, now = released()
     here = running.scheme.frame_at(q)
-    running.orders.resume()
-    running.orders.follow(way_points([1.0], [(here.p_d, here.R_d)]), None, now)
+    running.resume()
+    running.follow(way_points([1.0], [(here.p_d, here.R_d)]), None, now)
     effort = running.step(t, q, STILL, now).effort
     assert running.mode is Mode.FOLLOWING
     np.testing.assert_allclose(effort, UR5.dynamic_state(q, STILL).g, atol=2.0)
@@ -516,7 +515,7 @@ def test_a_reference_that_comes_right_after_the_resume_of_a_released_arm_is_foll
 @pytest.mark.parametrize("silence", [20, 80, 500])  # [ms], below and above state_timeout
 def test_after_the_resume_of_a_released_arm_that_sags_in_a_silence_no_effort_jumps(silence):
     running, t, q, now = released()
-    running.orders.resume()
+    running.resume()
     before, q = q, q + [0.0, min(5.0 * (silence / 1000) ** 2, 0.2), 0.0, 0.0, 0.0, 0.0]
     most = running.scheme.bounds.effort_rate * DT + GUARD_ROUNDING
     ticks = range(silence, 100 + silence)
@@ -536,10 +535,10 @@ def test_a_restart_that_fails_is_a_restart_again_at_the_next_state():
     running.scheme.reset = Failing()
     with pytest.raises(ZeroDivisionError) as planted:
         running.step(t + 10_000 * MS, moved_by_hand, STILL, now + 10.0)
-    running.supervisor.fail_for_good(planted.value)
+    running.fail_for_good(planted.value)
     running.scheme.reset = reset
     command = running.step(t + 10_001 * MS, moved_by_hand, STILL, now + 10.001)
-    assert running.supervisor.resets == 2
+    assert running.resets == 2
     if command is not None:
         np.testing.assert_allclose(command.q, moved_by_hand, atol=HELD)
     assert running.why.cause is Cause.DEFECT
@@ -552,7 +551,7 @@ def test_a_law_that_cannot_even_hold_has_a_defect_that_no_reference_leads_out_of
     assert running.step(t + MS, q, dq) is not None  # gravity compensation
     assert running.why.cause is Cause.DEFECT
     with pytest.raises(InvalidMessageError, match="deactivate and activate"):
-        running.orders.follow(SetPoint(running.scheme.frame_at(q), 0.1), None)
+        running.follow(SetPoint(running.scheme.frame_at(q), 0.1), None)
 
 
 def test_gravity_compensation_that_is_not_finite_is_a_fault_and_no_effort_follows_it():
@@ -571,10 +570,10 @@ def test_gravity_compensation_that_is_not_finite_is_a_fault_and_no_effort_follow
 def asks(running, q, now):
     """Yield what asks for a motion, each kind of reference at rest where the arm is."""
     here = running.scheme.frame_at(q)
-    yield lambda: running.orders.follow(SetPoint(here, 0.1), None, now)
-    yield lambda: running.orders.follow(way_points([2.0], [(here.p_d, here.R_d)]), None, now)
-    yield lambda: running.orders.aim(here, now)
-    yield lambda: running.orders.jog(np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.0]), now)
+    yield lambda: running.follow(SetPoint(here, 0.1), None, now)
+    yield lambda: running.follow(way_points([2.0], [(here.p_d, here.R_d)]), None, now)
+    yield lambda: running.aim(here, now)
+    yield lambda: running.jog(np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.0]), now)
 
 
 @pytest.mark.parametrize("scheme", [clik, dynamic_control])
@@ -585,7 +584,7 @@ def test_only_a_resume_leads_out_of_a_halt_also_if_faults_come_before_or_after_i
             if when in faults:
                 running.step(t, q + 1e-6, STILL, now)  # another state under the same stamp
             if when == 0:
-                running.orders.halt()
+                running.halt()
         for step in range(1, 800):
             t_step, now_step = t + step * MS, now + step * DT
             before = running.step(t_step, q, STILL, now_step)
@@ -594,7 +593,7 @@ def test_only_a_resume_leads_out_of_a_halt_also_if_faults_come_before_or_after_i
                     with pytest.raises(InvalidMessageError, match="call ~/resume"):
                         ask()
         assert running.mode is Mode.STOPPED
-        running.orders.resume()
+        running.resume()
         assert (running.mode, running.why.fault) == (Mode.HOLDING, "")
         command = running.step(t_step + MS, q, STILL, now_step + DT)
         if command.q is not None:
@@ -612,10 +611,10 @@ def test_a_fault_is_resumed_at_once_but_not_while_the_arm_moves():
     running.step(t, q + 1e-6, STILL, now)
     running.step(t + MS, q, STILL + 0.1, now + DT)
     with pytest.raises(InvalidMessageError, match="ask when it is at rest"):
-        running.orders.resume()
+        running.resume()
     assert running.why.cause is Cause.STAMP_STUCK
     running.step(t + 2 * MS, q, STILL, now + 2 * DT)
-    running.orders.resume()
+    running.resume()
     assert running.mode is Mode.HOLDING
 
 
@@ -626,7 +625,7 @@ def test_neither_a_reference_nor_a_resume_leads_out_of_a_runaway_or_a_defect():
         with pytest.raises(InvalidMessageError, match="runs away"):
             ask()
     with pytest.raises(InvalidMessageError, match="runs away"):
-        running.orders.resume()
+        running.resume()
     assert running.mode is Mode.RELEASING
     assert "runs away" in running.fault
     running, t, q, _, now = following(clik(limited=True), now=50.0)
@@ -638,7 +637,7 @@ def test_neither_a_reference_nor_a_resume_leads_out_of_a_runaway_or_a_defect():
         with pytest.raises(InvalidMessageError, match="deactivate and activate"):
             ask()
     with pytest.raises(InvalidMessageError, match="deactivate and activate"):
-        running.orders.resume()
+        running.resume()
     assert running.why.cause is Cause.DEFECT
 
 
@@ -672,13 +671,15 @@ HALT = Why(Cause.HALT, at=6.0)
 
 
 def test_each_event_leads_from_each_mode_to_the_one_of_the_table():
-    found = {(mode, event): transition(mode, event) for mode in Mode for event in ModeEvent}
+    found = {
+        (mode, event): TRANSITIONS[mode].get(event, mode) for mode in Mode for event in ModeEvent
+    }
     assert found == EXPECTED
     assert TRANSITIONS.keys() == set(Mode)
 
 
 def led(start, *steps):
-    mode = start(Why())
+    mode = ModeState(start)
     for event, why in steps:
         mode = mode.after(ModeEvent[event], why)
     return mode
@@ -692,34 +693,42 @@ FIRST_TOLD = OTHER_FAULT._replace(at=FAULT.at)
 @pytest.mark.parametrize(
     ("start", "steps", "expected"),
     [
-        (Holding, [STOP, ("FAULT", OTHER_FAULT)], {"mode": Mode.STOPPED, "why": FIRST_TOLD}),
-        *((Holding, [STOP, (event, HALT)], {"why": FAULT}) for event in ("HALT", "RESTART")),
+        (Mode.HOLDING, [STOP, ("FAULT", OTHER_FAULT)], {"mode": Mode.STOPPED, "why": FIRST_TOLD}),
+        *((Mode.HOLDING, [STOP, (event, HALT)], {"why": FAULT}) for event in ("HALT", "RESTART")),
         (
-            Holding,
+            Mode.HOLDING,
             [STOP, ("REFERENCE", Why())],
             {"mode": Mode.FOLLOWING, "why": Why(), "is_halted": False},
         ),
-        (Holding, [ENDS], {"mode": Mode.STOPPED, "cause": Cause.DEACTIVATED}),
-        (Holding, [ENDS, BROKE], {"cause": Cause.DEFECT}),
-        (Holding, [ENDS, HALTS], {"latch": Latch.NEVER}),  # no reason to resume then
-        (Holding, [HALTS], {"remedy": "call ~/resume"}),
-        (Holding, [HALTS, STOP], {"remedy": "free it; call ~/resume"}),
-        (Holding, [STOP], {"remedy": "free it"}),
-        (Holding, [STOP, HALTS], {"remedy": "free it; call ~/resume"}),
-        (Waiting, [HALTS], {"mode": Mode.WAITING, "latch": Latch.RESUME, "cause": Cause.HALT}),
-        (Waiting, [HALTS, ("RESUME", Why())], {"why": Why()}),
+        (Mode.HOLDING, [ENDS], {"mode": Mode.STOPPED, "cause": Cause.DEACTIVATED}),
+        (Mode.HOLDING, [ENDS, BROKE], {"cause": Cause.DEFECT}),
+        (Mode.HOLDING, [ENDS, HALTS], {"latch": Latch.NEVER}),  # no reason to resume then
+        (Mode.HOLDING, [HALTS], {"remedy": "call ~/resume"}),
+        (Mode.HOLDING, [HALTS, STOP], {"remedy": "free it; call ~/resume"}),
+        (Mode.HOLDING, [STOP], {"remedy": "free it"}),
+        (Mode.HOLDING, [STOP, HALTS], {"remedy": "free it; call ~/resume"}),
+        (Mode.WAITING, [HALTS], {"mode": Mode.WAITING, "latch": Latch.RESUME, "cause": Cause.HALT}),
+        (Mode.WAITING, [HALTS, ("RESUME", Why())], {"why": Why()}),
         *(
-            (Holding, [BROKE, (event, OTHER_FAULT)], {"is_latched": True, "cause": Cause.DEFECT})
+            (
+                Mode.HOLDING,
+                [BROKE, (event, OTHER_FAULT)],
+                {"latch": Latch.NEVER, "cause": Cause.DEFECT},
+            )
             for event in ("FAULT", "RUNS_AWAY", "HALT")
         ),
-        (Waiting, [BROKE], {"mode": Mode.WAITING, "is_latched": True}),
-        (Waiting, [BROKE, ("HALT", HALT)], {"is_latched": True}),
-        (Holding, [RAN_AWAY], {"is_runaway": True}),
-        (Holding, [("FROZEN", OTHER_FAULT)], {"is_runaway": False}),  # it need not come to rest
-        (Holding, [RAN_AWAY, ("FROZEN", OTHER_FAULT)], {"is_runaway": True}),
-        (Holding, [RAN_AWAY, ("RECOVERED", Why())], {"mode": Mode.STOPPED, "why": RUNAWAY}),
+        (Mode.WAITING, [BROKE], {"mode": Mode.WAITING, "latch": Latch.NEVER}),
+        (Mode.WAITING, [BROKE, ("HALT", HALT)], {"latch": Latch.NEVER}),
+        (Mode.HOLDING, [RAN_AWAY], {"is_runaway": True}),
+        (
+            Mode.HOLDING,
+            [("FROZEN", OTHER_FAULT)],
+            {"is_runaway": False},
+        ),  # it need not come to rest
+        (Mode.HOLDING, [RAN_AWAY, ("FROZEN", OTHER_FAULT)], {"is_runaway": True}),
+        (Mode.HOLDING, [RAN_AWAY, ("RECOVERED", Why())], {"mode": Mode.STOPPED, "why": RUNAWAY}),
         *(
-            (Holding, [*before, ("RECOVERED", Why()), *after], {"is_released": True})
+            (Mode.HOLDING, [*before, ("RECOVERED", Why()), *after], {"is_released": True})
             for before in ([RAN_AWAY], [("FROZEN", OTHER_FAULT), RAN_AWAY])
             for after in ([], [STOP], [("FROZEN", OTHER_FAULT), ("RECOVERED", Why())])
         ),
@@ -741,10 +750,17 @@ STOPS = {
 }
 
 
-@pytest.mark.parametrize("start", [Holding, Waiting, lambda why: Distrusting(7.0, Holding(why))])
+@pytest.mark.parametrize(
+    "start",
+    [
+        ModeState(Mode.HOLDING),
+        ModeState(Mode.WAITING),
+        ModeState(Mode.HOLDING).distrusted(7.0),
+    ],
+)
 def test_of_two_stops_the_one_that_is_harder_to_leave_counts(start):
     for first, second in itertools.product(STOPS, repeat=2):
-        mode = start(Why()).after(first, FAULT).after(second, FAULT)
+        mode = start.after(first, FAULT).after(second, FAULT)
         mode = mode.after(ModeEvent.RESTART, OTHER_FAULT).after(ModeEvent.RECOVERED, Why())
         latch = max(STOPS[first], STOPS[second])
         assert mode.latch is latch, (first, second)
@@ -754,7 +770,7 @@ def test_of_two_stops_the_one_that_is_harder_to_leave_counts(start):
 
 
 def test_an_arm_is_at_rest_after_it_stayed_in_one_place_for_0_2_s():
-    mode = Releasing(RUNAWAY, is_runaway=True)
+    mode = ModeState(Mode.RELEASING, RUNAWAY, is_runaway=True)
     here, there = np.zeros(2), np.array([0.0, 3e-3])
     assert not any(mode.rests(0.01, here) for _ in range(19))
     assert not any(mode.rests(0.01, there) for _ in range(19))  # it moved meanwhile

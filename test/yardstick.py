@@ -90,24 +90,24 @@ class Product:
 
     def order(self, name: str, *given: Any) -> bool:
         """Give an order; return whether it is obeyed."""
-        orders = self.controller.orders
+        controller = self.controller
         try:
             if name == "follow":
                 times, frames = given
                 motion = Trajectory(times, [DesiredFrame(*frame) for frame in frames])
-                orders.follow(motion, None, self._now)
+                controller.follow(motion, None, self._now)
             elif name == "stream":
-                orders.follow(SetPoint(DesiredFrame(*given), 0.1), None, self._now)
+                controller.follow(SetPoint(DesiredFrame(*given), 0.1), None, self._now)
             elif name == "aim":
-                orders.aim(DesiredFrame(*given), self._now)
+                controller.aim(DesiredFrame(*given), self._now)
             elif name == "jog":
-                orders.jog(*given, self._now)
+                controller.jog(*given, self._now)
             elif name == "press":
                 self._scheme.press(*given)
             elif name == "change":
                 self._change(*given)
             else:
-                getattr(orders, name)()
+                getattr(controller, name)()
         except InvalidMessageError:
             return False
         return True

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from eulerparams_control.control.mode import Mode, ModeState
 from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.control.speed_scaling import CREEP, LOOK, SpeedScaling
 from eulerparams_control.errors import FollowingError, SingularityError
@@ -142,6 +143,22 @@ class Guidance:
             _OF_THE_TIP * rate * joints.velocity, _OF_THE_JOINTS * joints.acceleration
         )
         return dt * fall if dt > 0 else np.zeros_like(fall)
+
+    def command(
+        self, state: ModeState, t: int, dt: float, q: Array, dq: Array
+    ) -> JointCommand | None:
+        """Return what a mode commands; None: nothing.
+
+        The law on its motion; in a stop it brakes along its path, if it may, and then the joints
+        are held.  See :meth:`tick`.
+        """
+        if state.is_led:
+            return self.tick(t, dt, q, dq)
+        if state.mode is not Mode.STOPPED or state.is_released:
+            return None
+        if self.is_braking:
+            return self.tick(t, dt, q, dq)
+        return self.scheme.hold(dt, q, dq)
 
     def tick(self, t: int, dt: float, q: Array, dq: Array) -> JointCommand:
         """Return the command for the state q, dq (n,) stamped t [ns], dt [s] after the last.

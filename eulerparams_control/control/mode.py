@@ -1,18 +1,18 @@
 """The modes of a controller, what changes them, and the table of transitions."""
 
-import math
+from dataclasses import dataclass, replace
 from enum import Enum, IntEnum, StrEnum, auto
 from typing import NamedTuple
 
-from eulerparams_control.errors import (
-    ContactError,
-    EulerParamsError,
-    FollowingError,
-    OverloadError,
-    SingularityError,
-    UnsafeCommandError,
-)
+import numpy as np
+
+from eulerparams_control.errors import ContactError
+from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import LoopGain
+
+# An arm that ran away gets efforts again after it was at rest for this time [s], within this
+# distance [rad or m]: it may be at a turning point.  Its speed may be noisy.
+_REST_TIME, _SAME_PLACE = 0.2, 2e-3
 
 
 class Mode(StrEnum):
@@ -133,11 +133,6 @@ TRANSITIONS: dict[Mode, dict[ModeEvent, Mode]] = {
 """Which mode an event leads to; an event that is not in a row leaves the mode as it is."""
 
 
-def transition(mode: Mode, event: ModeEvent) -> Mode:
-    """Return the mode after an event."""
-    return TRANSITIONS[mode].get(event, mode)
-
-
 _LATCHES = {
     ModeEvent.FAULT: Latch.PAUSE,
     ModeEvent.RUNS_AWAY: Latch.RESUME,  # nothing restarts by itself: ISO 10218
@@ -155,6 +150,91 @@ def latched(before: Latch, event: ModeEvent) -> Latch:
     return max(before, _LATCHES.get(event, Latch.NONE))
 
 
+@dataclass
+class ModeState:
+    """A mode, and what it keeps.
+
+    Attributes:
+        mode: what the controller does.
+        why: why it was entered; of a stop that goes on, when the arm was first held.
+        latch: what leads out of it, if the arm is stopped.
+        is_runaway: whether the arm has to come to rest before it is commanded again; of RELEASING.
+        is_released: whether nothing is commanded, for the arm ran away before; of STOPPED.
+        until: [s] on the steady clock until when there are no commands; of DISTRUSTING.
+        inner: the mode that is held back meanwhile.
+    """
+
+    mode: Mode
+    why: Why = Why()  # noqa: RUF009  it is frozen
+    latch: Latch = Latch.NONE
+    is_runaway: bool = False
+    is_released: bool = False
+    until: float = 0.0
+    inner: "ModeState | None" = None
+    _place: Array | None = None  # where an arm that ran away rests, and for how long [s]
+    _rested: float = 0.0
+
+    @property
+    def is_led(self) -> bool:
+        """Whether the law alone says what is commanded."""
+        return self.mode in (Mode.HOLDING, Mode.FOLLOWING)
+
+    @property
+    def is_halted(self) -> bool:
+        """Whether the arm is held still instead of moved."""
+        return (self.inner or self).mode in (Mode.STOPPED, Mode.RELEASING)
+
+    @property
+    def has_defect(self) -> bool:
+        """Whether a defect is why; whatever comes later, that is what has to be told."""
+        return self.why.cause is Cause.DEFECT
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        if self.latch is Latch.RESUME and self.why.fault:
+            return f"{self.why.remedy}; {CALL_RESUME}"
+        return self.why.remedy
+
+    def after(self, event: ModeEvent, why: Why) -> "ModeState":
+        """Return the mode after an event, by :data:`TRANSITIONS`."""
+        if self.inner is not None:
+            if event is ModeEvent.TRUST:
+                return self.inner
+            if event is ModeEvent.DISTRUST:
+                return self.inner.distrusted(why.at)
+            return self.inner.after(event, why).distrusted(self.until)
+        to, latch = TRANSITIONS[self.mode].get(event, self.mode), latched(self.latch, event)
+        if to is Mode.DISTRUSTING:
+            return self.distrusted(why.at)
+        runs_away = event is ModeEvent.RUNS_AWAY
+        if to is self.mode is Mode.STOPPED and event not in (ModeEvent.FAULT, ModeEvent.DEFECT):
+            return replace(self, latch=latch)
+        if self.has_defect or (to is Mode.STOPPED and event is ModeEvent.RECOVERED):
+            why = self.why
+        elif to in (Mode.STOPPED, Mode.RELEASING) and self.is_halted:
+            why = why._replace(at=self.why.at)
+        if to is self.mode is Mode.RELEASING:
+            why, is_runaway = why if why.fault else self.why, self.is_runaway or runs_away
+            return replace(self, why=why, latch=latch, is_runaway=is_runaway)
+        if to is Mode.STOPPED:
+            return ModeState(to, why, latch, is_released=self.is_runaway or self.is_released)
+        is_runaway = to is Mode.RELEASING and (runs_away or self.is_released)
+        return ModeState(to, why, latch, is_runaway)
+
+    def distrusted(self, until: float) -> "ModeState":
+        """Return the mode that holds back this one until a time [s]."""
+        mode = Mode.DISTRUSTING
+        return ModeState(mode, self.why, self.latch, self.is_runaway, until=until, inner=self)
+
+    def rests(self, dt: float, q: Array) -> bool:
+        """Return whether an arm that ran away has been at rest for long, at q (n,) now."""
+        if self._place is None or (np.abs(q - self._place) > _SAME_PLACE).any():
+            self._place, self._rested = q, 0.0
+        self._rested += dt
+        return self._rested > _REST_TIME
+
+
 AGAIN = "send the reference again"
 
 REPORT_IT = "report it; deactivate and activate to start again"
@@ -166,43 +246,15 @@ CALL_RESUME = "call ~/resume"
 HALTED = Why(Cause.HALT, remedy=CALL_RESUME, note="a halt")
 DEACTIVATED = Why(Cause.DEACTIVATED, remedy="activate to start again", note="deactivation")
 
-ON_THE_PATH = frozenset(
-    (Cause.HALT, Cause.DEACTIVATED, Cause.REFERENCE_LEAPS, Cause.NEVER_BEGINS, Cause.STAMP_JUMP)
-)
-"""Causes for which the tip brakes along its path: the law still holds."""
-
 NO_STATES = Why(
     Cause.NO_STATES,
     remedy="see to the robot and the network; when they are back the arm is held where it is",
-)
-STREAM_ENDED = Why(Cause.STREAM_ENDED, remedy="see to the node that sends them")
-NEVER_BEGINS = Why(
-    Cause.NEVER_BEGINS,
-    "set-points come, but none begins: their stamps are more than a second ahead of joint_states",
-    f"see to the clocks, or stamp them 0; then {AGAIN}",
-)
-ARM_MOVED = Why(Cause.ARM_MOVED, "the arm moved before the reference began; send it again", AGAIN)
-FROZEN_ENCODER = Why(
-    Cause.FROZEN_ENCODER,
-    "joint_states reports speeds, but positions that stay the same to the bit",
-    f"see to the robot's driver or encoders, then {AGAIN}",
 )
 STIFFNESS_WAITS = Why(
     Cause.STIFFNESS_WAITS,
     remedy="bring the desired frame nearer to the arm, or raise stiffness_energy",
     note="the stiffness waits: more of it would add energy to the arm, which is displaced",
 )
-SILENT = Why(Cause.COMMAND_SILENCE, remedy=AGAIN, note="a silence of its commands")
-
-
-def leaps(distance: float, angle: float) -> Why:
-    """Return why an arm is held whose reference began far away [m, rad] from where it was."""
-    return Why(
-        Cause.REFERENCE_LEAPS,
-        f"the reference began {distance:.3f} m and {math.degrees(angle):.1f} deg away from the "
-        "desired frame of then",
-        "begin where the arm is, or raise max_jump_position and max_jump_rotation",
-    )
 
 
 def stuck(fault: str) -> Why:
@@ -217,15 +269,6 @@ def calmed(times: float) -> Why:
         Cause.CONTACT_OSCILLATES,
         remedy=ContactError.remedy,
         note=f"the contact oscillated: {times:g} times the damping until the tool is free",
-    )
-
-
-def runs_away(joint: str, speed: float) -> Why:
-    """Return why the efforts of an arm that runs away are released."""
-    return Why(
-        Cause.RUNAWAY,
-        f"the arm runs away, {joint} at {speed:.3g} rad/s: it gets no more efforts",
-        f"see to delays and to the model of the arm, or lower the gains; then {CALL_RESUME}",
     )
 
 
@@ -279,19 +322,6 @@ def too_slow(period: float, gain: LoopGain, most: float, *, is_held: bool) -> Wh
     if is_held:
         return Why(Cause.RATE_TOO_LOW, text, f"{remedy}; then {AGAIN}")
     return Why(remedy=remedy, note=text)
-
-
-def why_of(error: EulerParamsError) -> Why:
-    """Return why an arm is held after an error of its law, or of its command."""
-    causes = (
-        (SingularityError, Cause.SINGULARITY),
-        (ContactError, Cause.CONTACT_OSCILLATES),
-        (OverloadError, Cause.CONTACT_TOO_LARGE),
-        (FollowingError, Cause.NOT_FOLLOWING),
-        (UnsafeCommandError, Cause.UNSAFE_COMMAND),
-    )
-    cause = next(cause for kind, cause in causes if isinstance(error, kind))
-    return Why(cause, str(error), error.remedy)
 
 
 def restarted(dt: float, silence: float, has_jumped: bool) -> Why:

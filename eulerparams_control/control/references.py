@@ -1,4 +1,4 @@
-"""Admission of references: none that leaps, none that went on through a fault."""
+"""Admission of references: none that leaps, none that leads out of reach."""
 
 import math
 from collections.abc import Iterable
@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eulerparams_control.control.mode import Latch
-from eulerparams_control.control.modes import ControlMode
 from eulerparams_control.errors import InvalidMessageError, SingularityError
 from eulerparams_control.motion.frames import DesiredFrame, distance
 from eulerparams_control.motion.references import Goal, Jog, SetPoint
@@ -20,11 +18,8 @@ _MAX_AHEAD = 3600.0
 # A stretched arm is measured, and told, this much [m] beyond its reach.
 _ROOM = 0.01
 
-# After a fault references are followed again when they have paused this long [s].
-_PAUSE = 0.5
 
-
-@dataclass
+@dataclass(frozen=True)
 class References:
     """Refuses references that must not be followed.
 
@@ -32,35 +27,11 @@ class References:
         max_jump_position: [m] by which a reference may be away from the desired frame.
         max_jump_rotation: [rad] the same for the rotation.
         reach: of the arm.
-        last: when a reference came last [s].
     """
 
     max_jump_position: float
     max_jump_rotation: float
     reach: Reach
-    last: float = -math.inf
-
-    def refuse_after_fault(self, mode: ControlMode, t: float) -> None:
-        """Raise InvalidMessageError while a fault, or a halt, is to be seen to first.
-
-        After a fault what moves the arm has to pause, whatever its duration: who sends it may not
-        have noticed.  After a halt only a resume leads on.
-
-        Args:
-            mode: of the controller.
-            t: when something came that is to move the arm [s].
-        """
-        why = mode.why
-        since, self.last = t - self.last, t
-        if mode.latch is Latch.NONE:
-            return
-        held = f"the arm is held ({why.fault or why.cause})"
-        if mode.latch is not Latch.PAUSE or mode.is_runaway:
-            raise InvalidMessageError(f"{held}; {mode.remedy}")
-        if min(since, t - why.at) < _PAUSE:
-            raise InvalidMessageError(
-                f"{held}; call ~/resume, or send nothing for {_PAUSE} s, then again"
-            )
 
     def refuse_target(self, target: Goal | Jog, here: DesiredFrame) -> None:
         """Raise InvalidMessageError for a target that is not finite, or out of reach.

@@ -17,7 +17,6 @@ from std_srvs.srv import Trigger
 from eulerparams_control.control.clock import steady
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.mode import NO_STATES, Mode, Why, contested, replaced, stuck
-from eulerparams_control.control.orders import Orders
 from eulerparams_control.errors import InvalidMessageError, defect, listed
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import Tick
@@ -67,8 +66,8 @@ class ControlNode(ManagedNode):
         self._subscribe()
         leaders = self._input, self._rviz, self.leaders()
         self._leaders = Leaders(self, self._params, *leaders)
-        self.create_service(Trigger, "~/halt", partial(self._on_order, Orders.halt))
-        self.create_service(Trigger, "~/resume", partial(self._on_order, Orders.resume))
+        self.create_service(Trigger, "~/halt", partial(self._on_order, Controller.halt))
+        self.create_service(Trigger, "~/resume", partial(self._on_order, Controller.resume))
         self._try_start()
 
     def is_complete(self, t: int) -> bool:
@@ -225,7 +224,7 @@ class ControlNode(ManagedNode):
         why = stuck(f"joint_states come, but their stamp stays at {t / 1e9:g} s")
         mode, is_simulated = controller.mode, self.time.is_simulated
         if mode is Mode.FOLLOWING and not is_simulated:
-            controller.orders.settle(why._replace(fault="", note=why.fault))
+            controller.settle(why._replace(fault="", note=why.fault))
         if mode is Mode.FOLLOWING:
             mode = Mode.HOLDING
         self._report.unanswered(mode, why, is_fault=not is_simulated)
@@ -265,9 +264,9 @@ class ControlNode(ManagedNode):
         if self._dispute == before:
             return
         if controller is not None and self._dispute.fault:
-            controller.supervisor.distrust(self._dispute)
+            controller.distrust(self._dispute)
         elif controller is not None:
-            controller.supervisor.trust()
+            controller.trust()
         elif self._dispute.fault:
             text, why = f"not activated: {self._dispute.fault}", self._dispute
             self._tell(ERROR, text, Lifecycle.INACTIVE, why.cause, why.remedy)
@@ -301,18 +300,21 @@ class ControlNode(ManagedNode):
         self._answer()
 
     def _on_order(
-        self, order: Callable[[Orders], None], _request: Trigger.Request, answer: Trigger.Response
+        self,
+        order: Callable[[Controller], None],
+        _request: Trigger.Request,
+        answer: Trigger.Response,
     ) -> Trigger.Response:
         """Obey an order of an operator, or say why not."""
         if self._controller is None:
             answer.message = "not active: nothing is commanded"
             return answer
         try:
-            if order is Orders.resume:
+            if order is Controller.resume:
                 self._input.source.accept(steady.now())
                 self._see_dispute()
                 self._refuse_in_dispute()
-            order(self._controller.orders)
+            order(self._controller)
         except InvalidMessageError as error:
             self._health.complain(str(error))
             answer.message = str(error)

@@ -104,9 +104,9 @@ class ControlReport:
                 "the arm may be, or the gains are too high",
                 about="limits",
             )
-        resets = controller.supervisor.resets
+        resets = controller.resets
         again, self._restarts = resets - self._restarts, resets
-        if again > 1 and not controller.supervisor.rate.is_too_low:
+        if again > 1 and not controller.rate.is_too_low:
             names = names_of_publishers(self._node, states_topic)
             why = (
                 "is a computer too busy (then let the robot run at a lower rate, or a simulated "
@@ -225,11 +225,11 @@ class ControlReport:
 
     def state(self, controller: Controller, orientation: str) -> None:
         """Report what the controller does, or why it holds still, if that has changed."""
-        pace, now = controller.guidance.pace, controller.supervisor.mode
+        pace, now = controller.guidance.pace, controller.state
         rate, slowed = controller.guidance.scale.now, _slowed(controller)
         mode, why = now.mode, now.why
         near = pace.singularity, pace.limit, rate < 1
-        slowly, note = controller.supervisor.rate.why, self._note
+        slowly, note = controller.rate.why, self._note
         presses = controller.scheme.is_pressing
         said = mode, why.cause, why.fault, why.note, now.latch, orientation, presses
         saying = *said, slowed, slowly.note, *near

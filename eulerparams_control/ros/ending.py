@@ -30,7 +30,7 @@ class Ending:
         if controller is not None and self._controller is None:
             self._controller = controller
             self._deadline = steady.now() + LONGEST + 2 * controller.guidance.stop_time
-            controller.orders.end()
+            controller.end()
         self._then += then
         self.review()
 
@@ -39,7 +39,7 @@ class Ending:
         controller = self._controller
         if controller is not None:
             in_time = self._is_followed() and steady.now() < self._deadline
-            if in_time and not controller.acting.is_at_rest:
+            if in_time and not controller.is_at_rest:
                 return
         self.finish()
 

@@ -242,9 +242,9 @@ class ManagedNode(LifecycleNode):
 
     def _release(self) -> None:
         """Send the command after which none follows; not to a robot that is not heard."""
-        acting = self._controller.acting if self._controller else None
+        controller = self._controller
         try:
-            if acting and self._is_followed() and (command := acting.last()):
+            if controller and self._is_followed() and (command := controller.last_command()):
                 self._commands.publish(self._stamp, command)
         except Exception as error:  # then none is safe: the robot has to brake itself
             self._health.complain(f"no last command: {defect(error)}", error=True)
@@ -312,5 +312,5 @@ class ManagedNode(LifecycleNode):
             mode = Lifecycle.INACTIVE if self._robot else Lifecycle.UNCONFIGURED
             self._tell(ERROR, defect(error), mode, Cause.DEFECT, REPORT_IT)
         else:
-            self._controller.supervisor.fail_for_good(error)
+            self._controller.fail_for_good(error)
             self._say()

@@ -108,12 +108,12 @@ class TargetWrench:
         elif isinstance(scheme, ComplianceControl):
             scheme.press(np.zeros(3))
         elif may_press and scheme.force.is_on:
-            controller.orders.settle(ENDED)
+            controller.settle(ENDED)
 
 
 def _breaks(controller: Controller) -> int:
     """Return how often the arm was stopped, or started again."""
-    return controller.supervisor.stops + controller.supervisor.resets
+    return controller.stops + controller.resets
 
 
 def _force(msg: Any, scheme: Scheme, q: Array, R_d: Array) -> Array:

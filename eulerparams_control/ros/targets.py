@@ -130,20 +130,20 @@ class Leaders:
         robot = controller.scheme.robot
         frames = robot.base_frame, robot.tip_frame
         motion, start = motion_from_ros(msg, *frames, self._parameters.reference_timeout)
-        controller.orders.follow(motion, start, self._now)
+        controller.follow(motion, start, self._now)
 
     def _aim(self, controller: Controller, msg: PoseStamped) -> None:
         goal = pose_from_ros(msg, self._carrier(controller, msg))
         self.refuse_overtaken("target_pose", msg)
-        controller.orders.aim(goal, self._now)
+        controller.aim(goal, self._now)
 
     def _jog(self, controller: Controller, msg: TwistStamped) -> None:
         twist = twist_from_ros(msg, self._carrier(controller, msg).R)
         self.refuse_overtaken("target_twist", msg)
-        controller.orders.jog(twist, self._now)
+        controller.jog(twist, self._now)
 
     def _drag(self, controller: Controller, msg: InteractiveMarkerFeedback) -> None:
-        goal = self._rviz.released(msg, (controller, controller.supervisor.stops))
+        goal = self._rviz.released(msg, (controller, controller.stops))
         if goal is not None:
             self._aim(controller, goal)
 

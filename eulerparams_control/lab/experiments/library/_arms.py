@@ -65,7 +65,7 @@ def clik(
     scheme.orientation = law  # which may be in no registry
     options = ControllerOptions(max_jump_rotation=math.pi, require_reference=True)
     controller = Controller(scheme, options, q_0)
-    controller.orders.follow(motion, None)
+    controller.follow(motion, None)
     q, dq = q_0, np.zeros_like(q_0)
     for step in range(round(duration * 1e9 / STEP_NS) + 1):
         command = controller.step(step * STEP_NS, q, dq)
