@@ -1,10 +1,9 @@
 """The machine around a law: time, modes, references, and what watches over its commands.
 
-``clock``           the steady clock by which messages age
-``admission``       which states are believed; ``judge`` which arms run away under efforts
-``controller``      from measured state to command
-``orders``          what is asked of the arm, and ``references`` which motions are refused
-``supervisor``      the mode
-``command_limiter`` the last look at a command before it leaves; ``acting`` the one that acts
+``controller``  from a measured state to its command, and what is asked of the arm
+``supervisor``  its mode, and what states and orders make of it; ``mode`` the table
+``admission``   which states are believed; ``clock`` time, and how states age
+``guidance``    the law on its motion; ``references`` which motions are refused
 ``speed_scaling``   the slow-down towards kinematic singularities and joint limits
+``command_limiter`` the last look at a command before it leaves
 """

@@ -12,9 +12,8 @@ from eulerparams_control.control import judge
 from eulerparams_control.control.admission import Accept
 from eulerparams_control.control.clock import Instant
 from eulerparams_control.control.command_limiter import CommandLimiter
-from eulerparams_control.control.guidance import LawError
+from eulerparams_control.control.guidance import ControllerOptions, LawError
 from eulerparams_control.control.mode import AGAIN, Cause, Latch, Mode, ModeEvent, Why, stuck
-from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.control.supervisor import Supervisor
 from eulerparams_control.errors import (
     ContactError,

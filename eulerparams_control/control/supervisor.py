@@ -10,7 +10,7 @@ from eulerparams_control.control import judge
 from eulerparams_control.control.admission import Accept, Admission, Rate, RateCheck
 from eulerparams_control.control.clock import Instant
 from eulerparams_control.control.command_limiter import CommandLimiter
-from eulerparams_control.control.guidance import Guidance
+from eulerparams_control.control.guidance import ControllerOptions, Guidance
 from eulerparams_control.control.mode import (
     AGAIN,
     CALL_RESUME,
@@ -24,7 +24,6 @@ from eulerparams_control.control.mode import (
     ModeState,
     Why,
 )
-from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.control.references import References
 from eulerparams_control.errors import InvalidMessageError, defect
 from eulerparams_control.laws.rotations import Array

@@ -14,8 +14,8 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from eulerparams_control.control.controller import Controller
+from eulerparams_control.control.guidance import ControllerOptions
 from eulerparams_control.control.mode import REPORT_IT, Why
-from eulerparams_control.control.options import ControllerOptions
 from eulerparams_control.errors import (
     ConfigurationError,
     EulerParamsError,
