@@ -59,7 +59,7 @@ def why_of(error: EulerParamsError) -> Why:
     return Why(cause, str(error), error.remedy)
 
 
-def _leaps(distance: float, angle: float) -> Why:
+def leaps(distance: float, angle: float) -> Why:
     """Return why an arm is held whose reference began far away [m, rad] from where it was."""
     return Why(
         Cause.REFERENCE_LEAPS,
@@ -174,7 +174,7 @@ class Controller(Supervisor):
         if self.mode is Mode.FOLLOWING and motion.has_stopped(t):
             self.state.why = _STREAM_ENDED
         if motion.leap is not None:
-            why, motion.leap = _leaps(*motion.leap), None
+            why, motion.leap = leaps(*motion.leap), None
             self._change(ModeEvent.FAULT, why)
         elif motion.is_stalled(t):
             self._change(ModeEvent.FAULT, _NEVER_BEGINS)

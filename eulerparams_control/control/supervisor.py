@@ -46,7 +46,7 @@ _FROZEN_ENCODER = Why(
 _SILENT = Why(Cause.COMMAND_SILENCE, remedy=AGAIN, note="a silence of its commands")
 
 
-def _runs_away(joints: Sequence[str], dq: Array, most: float, limits: Array) -> Why:
+def runs_away(joints: Sequence[str], dq: Array, most: float, limits: Array) -> Why:
     """Return why the efforts of an arm are released whose joints are too fast, dq (n,)."""
     excess = [judge.runaway(*each) for each in zip(dq, repeat(most), limits)]
     i = int(np.argmax(excess))
@@ -193,7 +193,7 @@ class Supervisor:
             swings = self._halted > _HALTED
             if state.code & (judge.SWINGS if swings else judge.RUNS):
                 most = judge.SWINGING if swings else judge.RUNAWAY
-                why = _runs_away(self.scheme.robot.joints, self.dq, most, limits.velocity)
+                why = runs_away(self.scheme.robot.joints, self.dq, most, limits.velocity)
                 self._change(ModeEvent.RUNS_AWAY, why)
 
     def _is_rate_too_low(self) -> bool:
