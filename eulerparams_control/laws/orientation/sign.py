@@ -14,14 +14,8 @@ that a small error can then look like a turn of almost 360 deg.
 from dataclasses import dataclass
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from eulerparams_control.laws.rotations import (
-    Array,
-    EulerParameters,
-    dot,
-    mutual,
-    mutual_R,
-    quaternion,
-)
+from eulerparams_control.laws.jit import Array
+from eulerparams_control.laws.rotations import EulerParameters, dot, mutual, mutual_R, quaternion
 
 SIGNS = ("shortest", "hysteretic", "continuous")
 SEPARATE = "separate"
