@@ -85,11 +85,11 @@ REFUSED: dict[str, tuple[str, str]] = {
     "half an inertia": (changed('ixx="1"', ""), "link 'arm': ixx of its <inertia> is ''"),
     "a negative mass": (
         changed('mass value="1"', 'mass value="-1"'),
-        "value of its <mass> is -1; expected 0",
+        "value of its <mass> is '-1'; expected a number of 0 or more",
     ),
     "a negative inertia": (
         changed('iyy="1"', 'iyy="-1"'),
-        "iyy of its <inertia> is -1; expected 0",
+        "iyy of its <inertia> is '-1'; expected a number of 0 or more",
     ),
     "an axis of zero": (changed('"0 1 0"', '"0 0 0"'), "joint 'hinge': its axis is zero"),
     "an endless link": (changed('xyz="0.8 0 0"', 'xyz="1e308 0 0"'), "expected three numbers"),

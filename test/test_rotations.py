@@ -51,7 +51,7 @@ def test_products_of_vectors_and_matrices_are_those_of_numpy():
             (so3.turn(A, v), A @ v),
             (so3.turn_back(A, v), A.T @ v),
             (so3.product(A, B), A @ B),
-            (so3.relative(A, B), A.T @ B),
+            (so3.product(A.T, B), A.T @ B),
             (A @ so3.solve(A, v), v),
             (A @ so3.inverse(A), np.eye(3)),
         ):

@@ -14,7 +14,6 @@ from eulerparams_control.errors import (
     IdentificationError,
     InvalidMessageError,
     RobotError,
-    UnknownNameError,
 )
 from eulerparams_control.motion.way_points import parse_way_points
 from eulerparams_control.tool.identification import GRAVITY, Identification, identify, spread
@@ -335,8 +334,8 @@ def test_a_point_of_the_sensor_is_given_in_the_tip_frame_and_its_orientation_in_
 @pytest.mark.parametrize(
     ("frames", "error", "words"),
     [
-        (("senser", "tip"), UnknownNameError, "did you mean 'sensor'.*known: base,"),
-        (("sensor", "tipp"), UnknownNameError, "did you mean 'tip'.*known: base,"),
+        (("senser", "tip"), RobotError, "did you mean 'sensor'.*known: base,"),
+        (("sensor", "tipp"), RobotError, "did you mean 'tip'.*known: base,"),
         (("upper", "tip"), RobotError, "elbow moves between the sensor at 'upper' and the tip_fra"),
         (("finger", "tip"), RobotError, "slide moves between .* the tip_frame 'tip'; expected"),
     ],

@@ -1,8 +1,6 @@
 """A robot as the page draws it: links, joints and shapes of its URDF, as plain data."""
 
 import math
-import os
-import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
@@ -16,7 +14,7 @@ from eulerparams_control.analysis.decimation import packed
 from eulerparams_control.errors import EulerParamsError, RobotError
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.resources import config_names
-from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.catalogue import load_robot, share_folders
 from eulerparams_control.robot.urdf import UrdfTree, attribute, numbers
 
 try:
@@ -53,7 +51,7 @@ def mesh_folders(urdf: str) -> list[Path]:
 
     They are the folder of the robot of config/robots with this text, and those that hold packages.
     """
-    return [*_own_folder(urdf), *_shares()]
+    return [*_own_folder(urdf), *share_folders()]
 
 
 def _own_folder(urdf: str) -> Iterator[Path]:
@@ -64,15 +62,6 @@ def _own_folder(urdf: str) -> Iterator[Path]:
             continue
         if robot.urdf.strip() == urdf.strip():
             yield robot.urdf_path.parent
-
-
-def _shares() -> Iterator[Path]:
-    prefixes = [Path(entry) / "cmeel.prefix" for entry in sys.path if entry]
-    listed = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    prefixes += [Path(entry) for entry in listed if entry]
-    for prefix in dict.fromkeys([*prefixes, Path(sys.prefix)]):
-        if (prefix / "share").is_dir():
-            yield prefix / "share"
 
 
 def find_mesh(name: str, folders: Sequence[Path]) -> Path | None:
@@ -238,7 +227,7 @@ def drawn_robot(urdf: str, base: str, tip: str, joints: tuple[str, ...], most: i
         RobotError: if the URDF is broken, or lacks a link or a joint.
     """
     tree = UrdfTree(urdf)
-    moving = set(tree.moving(tree.link(base), tree.link(tip)))
+    moving = set(tree.moving(tree.link(base, "base"), tree.link(tip, "tip")))
     if not set(joints) <= moving:
         raise RobotError(f"not between base and tip: {', '.join(sorted(set(joints) - moving))}")
     shapes = shapes_of(tree, urdf, most)

@@ -45,19 +45,16 @@ def clik(
     inverse: DampedInverse,
     dq_0: Array,
 ) -> tuple[Array, Any]:
-    """Return the joint velocity dq (n,) [rad/s] of (23), (28), and x_de.
+    """Return the joint velocity dq (n,) [rad/s] of (23), (28), and x_de; raises SingularityError.
 
     Args:
-        arm: p_e, R_e and J (6, n) at q, eqs. (18)-(20).
+        arm: p_e, R_e and J (6, n), eqs. (18)-(20).
         desired: p_d, R_d, dp_d, omega_d.
         orientation: (23) with Euler angles, (28) with Euler parameters, or another.
         x_before: x_de of the tick before, or None.
-        k_Pp, k_Po: gains [1/s].
+        k_Pp, k_Po: [1/s].
         inverse: J* of J.
         dq_0: (n,) [rad/s] which the null space of J follows.
-
-    Raises:
-        SingularityError: if the representation has no finite answer.
     """
     dp_de = desired.p_d - arm.p_e  # (21)
     x_de = orientation.displacement(desired.R_d, arm.R_e, x_before)  # (22), (27)
@@ -95,13 +92,7 @@ class Clik(Scheme):
 
     Where there are limits of the joints, those of the tip bound how fast an error is undone, and
     too large an error or deviation of the joints stops the motion.
-
-    Raises:
-        ConfigurationError: if the posture has the wrong size.
     """
-
-    parameters: "ClikParameters"
-    orientation: OrientationRepresentation
 
     def __init__(self, robot: Robot, parameters: "ClikParameters") -> None:
         self.robot = robot
@@ -142,7 +133,7 @@ class Clik(Scheme):
 
     @property
     def fastest_gain(self) -> LoopGain:
-        """The gain of the faster error equation: dx_de + k x_de = 0, errors being small."""
+        """That of the faster error equation, dx_de + k x_de = 0, errors being small."""
         k_Pp, k_Po = self.parameters.k_Pp, self.parameters.k_Po
         gains = LoopGain("k_Pp", k_Pp, k_Pp), LoopGain("k_Po", k_Po, k_Po * self.orientation.slope)
         return max(gains, key=lambda gain: gain.rate)
@@ -177,10 +168,8 @@ class Clik(Scheme):
     def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
         """Integrate over dt [s] and return q, dq for this instant.
 
-        Raises:
-            SingularityError: if the law has no finite answer; nothing is integrated then.
-            FollowingError: if the measured q is too far from the integrated one, or the tip from
-                the desired frame.
+        Raises SingularityError if the law has no finite answer, or FollowingError; nothing is
+        integrated then.
         """
         self.robot.refuse_size(q, dq)
         is_internal, limits = self.parameters.feedback == "internal", self.limits
@@ -202,7 +191,7 @@ class Clik(Scheme):
         return Tick(JointCommand(q_c, dq_c), desired, arm, x_de, saturated, excess)
 
     def _integrated(self, dt: float, q: Array) -> Array:
-        """Return q (n,) dt [s] later; refuse one that is not near the measured q (n,)."""
+        """Return the commanded q dt [s] later; refuse it if it is not near the measured q."""
         if self.limits is None:
             q_c = self._q + dt * self._dq
         else:
@@ -221,7 +210,6 @@ class Clik(Scheme):
         return q_c
 
     def _velocity(self, dt: float, arm: RobotState, desired: DesiredFrame) -> tuple[Array, Any]:
-        """Return dq (n,) of the law, for a command that is held for dt [s], and x_de."""
         k_Pp, k_Po = self._gains(dt, arm, desired)
         mean, dq_0 = held_frame(desired, dt), np.zeros(self.robot.n)
         if self._posture is not None:
@@ -230,11 +218,7 @@ class Clik(Scheme):
         return clik(arm, mean, self.orientation, self._x_de, k_Pp, k_Po, self._inverse, dq_0)
 
     def _gains(self, dt: float, arm: RobotState, desired: DesiredFrame) -> tuple[float, float]:
-        """Return k_Pp, k_Po [1/s] for a command that is held for dt [s].
-
-        An error e asks for the speed k e.  Where that is more than the speed from which the tip
-        stops where e is 0, k is smaller.
-        """
+        """Return k_Pp, k_Po [1/s], smaller where the tip could not brake from the speed k e."""
         orientation, motion = self.orientation, self._motion
         k_Pp = held_gain(self.parameters.k_Pp, dt)
         k_Po = held_gain(self.parameters.k_Po, orientation.slope * dt)
@@ -252,10 +236,7 @@ class Clik(Scheme):
         return k_Pp, k_Po
 
     def _slowed(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Array:
-        """Return dq (n,) with which the tip, half a step later, is not beyond its speeds.
-
-        These are no lower than those of the desired frame.
-        """
+        """Return dq with which the tip, half a step later, is not beyond its speeds."""
         if self._motion is None:
             return dq
         tip = self.robot.state(q + dt / 2.0 * dq, dq)

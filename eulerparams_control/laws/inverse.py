@@ -13,43 +13,21 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError
-from eulerparams_control.laws.jit import (
-    Array,
-    b1,
-    f8,
-    i8,
-    jit,
-    matrix,
-    new_matrix,
-    types,
-    vector,
-    void,
-)
+from eulerparams_control.laws.jit import Array, f8, i8, jit, matrix, new_matrix, vector, void
 
 # Two vectors are orthogonal if their cosine is below this; all pairs of six are so after five to
 # ten rounds.
 _ORTHOGONAL = 1e-15
 _ROUNDS = 40
 
-_strided = types.Array(f8, 1, "A")
-
 
 @dataclass(frozen=True)
 class DampedInverse:
-    """Inverse of J (6, n) that stays bounded at kinematic singularities.
+    """Inverse of J (6, n) that stays bounded at kinematic singularities."""
 
-    Args:
-        eps: singular value below which damping sets in; 0 never damps.
-        lambda_max: damping at the singularity.
-        length: characteristic length [m] of the arm.
-
-    Raises:
-        ConfigurationError: if one is negative or not finite.
-    """
-
-    eps: float = 0.05
-    lambda_max: float = 0.05
-    length: float = field(default=1.0, compare=False)
+    eps: float = 0.05  # singular value below which damping sets in; 0 never damps
+    lambda_max: float = 0.05  # damping at the singularity
+    length: float = field(default=1.0, compare=False)  # [m] characteristic length of the arm
 
     def __post_init__(self) -> None:
         if not (0 <= self.eps < math.inf and 0 <= self.lambda_max < math.inf):
@@ -70,14 +48,6 @@ def _product(x: Array, y: Array) -> float:
     return total
 
 
-@jit(void(_strided, _strided, f8, f8))
-def _turn(x: Array, y: Array, cosine: float, t: float) -> None:
-    """Turn two vectors in their plane."""
-    for k in range(len(x)):
-        x_k, y_k = x[k], y[k]
-        x[k], y[k] = cosine * (x_k - t * y_k), cosine * (t * x_k + y_k)
-
-
 @jit(f8(new_matrix, i8))
 def _orthogonalize(A: Array, size: int) -> float:
     """Turn the rows of A = [W, Q] among each other until those of W (m, size) are orthogonal.
@@ -96,7 +66,10 @@ def _orthogonalize(A: Array, size: int) -> float:
                     turned = True
                     slope = (b - a) / (2.0 * c)
                     t = math.copysign(1.0, slope) / (abs(slope) + math.sqrt(1.0 + slope * slope))
-                    _turn(A[i], A[j], 1.0 / math.sqrt(1.0 + t * t), t)
+                    cosine = 1.0 / math.sqrt(1.0 + t * t)
+                    for k in range(A.shape[1]):
+                        x_k, y_k = A[i, k], A[j, k]
+                        A[i, k], A[j, k] = cosine * (x_k - t * y_k), cosine * (t * x_k + y_k)
         if not turned:
             break
     least = _product(A[0, :size], A[0, :size])
@@ -116,10 +89,7 @@ def _without_units(J: Array, length: float, A: Array) -> None:
 
 @jit(f8(matrix, f8))
 def sigma_min(J: Array, length: float) -> float:
-    """Return the smallest singular value of J (6, n): the distance to the nearest singularity.
-
-    The rows of J for the position are divided by ``length`` [m].
-    """
+    """Return the smallest singular value of J (6, n), position rows over ``length`` [m]."""
     W = np.empty((min(6, J.shape[1]), max(6, J.shape[1])))
     _without_units(J, length, W)
     return _orthogonalize(W, W.shape[1])
@@ -137,78 +107,6 @@ def symmetric_modes(S: Array, Y: Array) -> None:
         S[i, i], Y[:, i] = math.sqrt(_product(A[i, :m], A[i, :m])), A[i, m:]
 
 
-@jit(b1(new_matrix))
-def _solve_rows(A: Array) -> bool:
-    """Turn A = [B, C] into [I, B^-1 C] by Gauss and Jordan; return whether there is a B^-1."""
-    m, width = A.shape
-    for k in range(m):
-        pivot = k
-        for i in range(k + 1, m):
-            pivot = i if abs(A[i, k]) > abs(A[pivot, k]) else pivot
-        if A[pivot, k] == 0.0:
-            return False
-        for j in range(k, width):
-            A[k, j], A[pivot, j] = A[pivot, j], A[k, j]
-        factor = 1.0 / A[k, k]
-        for j in range(k, width):
-            A[k, j] *= factor
-        for i in range(m):
-            factor = A[i, k] if i != k else 0.0
-            for j in range(k, width):
-                A[i, j] -= factor * A[k, j]
-    return True
-
-
-@jit(b1(matrix, new_matrix))
-def _invert_regular(J: Array, X: Array) -> bool:
-    """Fill X (n, 6) with J^-1, or J' (J J')^-1 for n > 6; return whether there is one."""
-    n = J.shape[1]
-    if n < 6:
-        return False
-    A = np.empty((6, 6 + n))  # [J', I] or [J J', J], which is solved for the transpose
-    if n == 6:
-        A[:, :6], A[:, 6:] = J.T, np.eye(6)
-    else:
-        A[:, 6:] = J
-        for i in range(6):
-            for j in range(6):
-                A[i, j] = _product(J[i], J[j])
-    is_regular = _solve_rows(A)
-    X[:] = A[:, 6:].T
-    return is_regular
-
-
-@jit(new_matrix(matrix, f8, f8, f8))
-def damped_inverse(J: Array, eps: float, lambda_max: float, length: float) -> Array:
-    """Return J* (n, 6) of J (6, n); see :class:`DampedInverse`."""
-    n = J.shape[1]
-    X = np.zeros((n, 6))
-    if _invert_regular(J, X):
-        # 1 / |J^-1|_F is a lower bound of sigma_min: where it suffices, sigma_min is not needed
-        bound = 0.0
-        for x in X:
-            bound += length * length * _product(x[:3], x[:3]) + _product(x[3:], x[3:])
-        if eps * math.sqrt(bound) < 1.0:
-            return X
-    m, size = min(6, n), max(6, n)
-    A = np.empty((m, size + m))
-    _without_units(J, length, A)
-    A[:, size:] = np.eye(m)
-    sigma = _orthogonalize(A, size)
-    ratio = sigma / eps if eps > 0.0 else 1.0
-    lambda_2 = (1.0 - ratio * ratio) * lambda_max * lambda_max if ratio < 1.0 else 0.0
-    X[:] = 0.0
-    for k in range(m):  # J* is the sum of w q' / (sigma_k^2 + lambda^2)
-        W, Q = A[k, :size], A[k, size:]
-        w, q = (W, Q) if n >= 6 else (Q, W)
-        square = _product(W, W) + lambda_2
-        if square != 0.0:  # else this direction is lost, and not damped
-            for i in range(n):
-                for j in range(6):
-                    X[i, j] += w[i] * q[j] / square / (length if j < 3 else 1.0)
-    return X
-
-
 @jit(new_matrix(matrix, matrix))
 def matrix_product(A: Array, B: Array) -> Array:
     """Return A B of matrices of any size."""
@@ -222,10 +120,61 @@ def matrix_product(A: Array, B: Array) -> Array:
 
 @jit(new_matrix(matrix, matrix))
 def solved(A: Array, B: Array) -> Array:
-    """Return A^-1 B of A (n, n) and B (n, m); NaN where A is singular."""
-    n = len(A)
-    rows = np.empty((n, n + B.shape[1]))
+    """Return A^-1 B of A (n, n) and B (n, m), by Gauss and Jordan; NaN where A is singular."""
+    n, width = len(A), len(A) + B.shape[1]
+    rows = np.empty((n, width))  # [A, B], which becomes [I, A^-1 B]
     rows[:, :n], rows[:, n:] = A, B
-    if not _solve_rows(rows):
-        rows[:] = np.nan
+    for k in range(n):
+        pivot = k
+        for i in range(k + 1, n):
+            pivot = i if abs(rows[i, k]) > abs(rows[pivot, k]) else pivot
+        if rows[pivot, k] == 0.0:
+            return np.full((n, B.shape[1]), np.nan)
+        for j in range(k, width):
+            rows[k, j], rows[pivot, j] = rows[pivot, j], rows[k, j]
+        factor = 1.0 / rows[k, k]
+        for j in range(k, width):
+            rows[k, j] *= factor
+        for i in range(n):
+            factor = rows[i, k] if i != k else 0.0
+            for j in range(k, width):
+                rows[i, j] -= factor * rows[k, j]
     return rows[:, n:].copy()
+
+
+@jit(new_matrix(matrix))
+def _undamped_inverse(J: Array) -> Array:
+    if J.shape[1] == 6:
+        return solved(J, np.eye(6))
+    return solved(matrix_product(J, J.T), J).T.copy()  # J' (J J')^-1
+
+
+@jit(new_matrix(matrix, f8, f8, f8))
+def damped_inverse(J: Array, eps: float, lambda_max: float, length: float) -> Array:
+    """Return J* (n, 6) of J (6, n); see :class:`DampedInverse`."""
+    n = J.shape[1]
+    if n >= 6:
+        X = _undamped_inverse(J)
+        # 1 / |J^-1|_F is a lower bound of sigma_min: where it suffices, sigma_min is not needed
+        bound = 0.0
+        for x in X:
+            bound += length * length * _product(x[:3], x[:3]) + _product(x[3:], x[3:])
+        if eps * math.sqrt(bound) < 1.0:
+            return X
+    m, size = min(6, n), max(6, n)
+    A = np.empty((m, size + m))
+    _without_units(J, length, A)
+    A[:, size:] = np.eye(m)
+    sigma = _orthogonalize(A, size)
+    ratio = sigma / eps if eps > 0.0 else 1.0
+    lambda_2 = (1.0 - ratio * ratio) * lambda_max * lambda_max if ratio < 1.0 else 0.0
+    X = np.zeros((n, 6))
+    for k in range(m):  # J* is the sum of w q' / (sigma_k^2 + lambda^2)
+        W, Q = A[k, :size], A[k, size:]
+        w, q = (W, Q) if n >= 6 else (Q, W)
+        square = _product(W, W) + lambda_2
+        if square != 0.0:  # else this direction is lost, and not damped
+            for i in range(n):
+                for j in range(6):
+                    X[i, j] += w[i] * q[j] / square / (length if j < 3 else 1.0)
+    return X

@@ -18,8 +18,7 @@ _DISTANCE, _ANGLE = 1e-10, 1e-10  # [m], [rad] at which the pose is reached
 def inverse_kinematics(robot: Robot, frame: DesiredFrame, q_start: Array) -> Array:
     """Return q (n,) whose pose is that of ``frame``, the solution to which q_start (n,) leads.
 
-    Raises:
-        RobotError: if the pose is not reached, or only outside the limits of the joints.
+    Raises RobotError if the pose is not reached, or only outside the limits of the joints.
     """
     orientation, inverse = representation("rotation_vector"), DampedInverse()
     frame, q, still = frame.at_rest(), q_start.copy(), np.zeros_like(q_start)

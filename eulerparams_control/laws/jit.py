@@ -40,10 +40,7 @@ _KEPT = 14 * 86400.0
 
 
 def jit[**P, R](signature: Any) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Return what compiles a function for the types of its arguments, given by numba's names.
-
-    Divisions by zero give infinity or NaN, as those of numpy do.
-    """
+    """Compile a function for a numba signature; divisions by zero give infinity or NaN."""
 
     def compiled(function: Callable[P, R]) -> Callable[P, R]:
         folder, before = cache_folder(), numba.config.CACHE_DIR
@@ -62,7 +59,6 @@ def jit[**P, R](signature: Any) -> Callable[[Callable[P, R]], Callable[P, R]]:
 
 @cache
 def _announce() -> None:
-    """Say, once, that primitives are compiled."""
     print(
         "eulerparams_control: compiling the primitives of the laws, once for this version and this "
         f"machine: 10 s on an idle processor (kept in {cache_folder()})",
@@ -73,9 +69,8 @@ def _announce() -> None:
 
 @cache
 def cache_folder() -> str | None:
-    """Return the folder of what is compiled, for this state of the files that have primitives.
+    """Return the cache folder for this state of the files; None where none can be written.
 
-    It is below NUMBA_CACHE_DIR, or $XDG_CACHE_HOME, or ~/.cache; None where that cannot be written.
     By itself numba would not see a change in a file from which a primitive is called.
     """
     files = sorted(file for room in _ROOMS for file in room.rglob("*.py"))

@@ -40,19 +40,12 @@ _limited = types.Tuple((new_vector, b1))
 
 @dataclass(frozen=True)
 class JointLimits:
-    """Limits of n joints, each (n,); infinite where there is no limit.
+    """Limits of n joints, each (n,); infinite where there is no limit."""
 
-    Attributes:
-        lower, upper: positions [rad or m].
-        velocity: speeds [rad/s or m/s].
-        effort: [Nm or N].
-        acceleration: [rad/s^2 or m/s^2]; positive.
-    """
-
-    lower: Array
+    lower: Array  # [rad or m]
     upper: Array
-    velocity: Array
-    effort: Array
+    velocity: Array  # [rad/s or m/s]
+    effort: Array  # [Nm or N]
     acceleration: Array = field(default_factory=lambda: np.array(math.inf))
 
     def __post_init__(self) -> None:
@@ -61,7 +54,7 @@ class JointLimits:
 
     @cached_property
     def rows(self) -> Array:
-        """All limits (5, n) in the order of the attributes, as the primitives take them."""
+        """All limits (5, n) in their order, as the primitives take them."""
         return np.array([self.lower, self.upper, self.velocity, self.effort, self.acceleration])
 
     @cached_property
@@ -71,10 +64,7 @@ class JointLimits:
 
     @property
     def effort_rate(self) -> Array:
-        """(n,) [Nm/s] at which efforts may change, unless a parameter says otherwise.
-
-        They get to their limits within 0.02 s, and no slower than at 2000 Nm/s.
-        """
+        """(n,) [Nm/s] of the efforts: to their limits within 0.02 s, 2000 Nm/s at least."""
         rate: Array = np.maximum(self.effort / 0.02, 2000.0)
         return rate
 
@@ -106,35 +96,28 @@ class JointLimits:
         return _excess(self.rows, dq + ddq / _SPEED_RATE)
 
     def limit_velocity(self, q: Array, dq: Array, dt: float, before: Array) -> tuple[Array, bool]:
-        """Return dq within the limits, and whether it had to change.
+        """Return dq (n,) within the limits for dt [s] > 0, and whether it had to change.
 
-        Too fast a motion is slowed as a whole, so that its direction is kept; too large a change
-        is shortened as a whole, before + lambda (dq - before).  A joint near its position limit
-        is no faster than it can brake, the others go on.  Only a joint that could not stop before
-        its position limit otherwise brakes harder than its acceleration limit.
-
-        Args:
-            q: (n,) positions now.
-            dq: (n,) velocities wanted; finite.
-            dt: time that dq will last [s]; positive.
-            before: (n,) velocities until now.
+        ``before`` (n,) is the velocity until now.  Too fast a motion is slowed as a whole, so that
+        its direction is kept; too large a change is shortened as a whole, before + lambda
+        (dq - before).  A joint near its position limit is no faster than it can brake, the others
+        go on.  Only one that could not stop before its position limit otherwise brakes harder than
+        its acceleration limit.
         """
         return _limit_velocity(self.rows, q, dq, dt, before)
 
     def limit_acceleration(
         self, q: Array, dq: Array, ddq: Array, dt: float, drift: Array | None = None
     ) -> tuple[Array, bool]:
-        """Return ddq that keeps all limits, and whether it had to change.
+        """Return ddq (n,) that keeps all limits for dt [s], and whether it had to change.
 
         Too large an acceleration is shortened as a whole, so that its direction is kept; limits
-        of speed and position are kept per joint.  From outside the position limits only the way
-        back is open.  Only a joint that could not stop before its position limit otherwise brakes
-        harder than its acceleration limit.
+        of speed and position are kept per joint, as by ``limit_velocity``.  From outside the
+        position limits only the way back is open.
 
         Args:
-            q, dq: (n,) positions and velocities now.
-            ddq: (n,) accelerations wanted; finite.
-            dt: time that ddq will last [s]; 0 if it is not known, but short.
+            q, dq, ddq: (n,) the state, and the wanted acceleration.
+            dt: 0 if it is not known, but short.
             drift: (n,) by which the joints accelerate more than wanted, because of friction say;
                 what is wanted against it does not count.
         """
@@ -151,8 +134,7 @@ class JointLimits:
 def factor_within(base: Array, step: Array, most: Array) -> float:
     """Return the largest factor s from 0 to 1 with which |base + s step| <= most, all (n,).
 
-    One factor for all keeps the direction of a step; joint by joint it would turn.  A joint that is
-    beyond its bound already does not count, or it would stop all others: clip it afterwards.
+    A joint that is beyond its bound already does not count, or it would stop all others.
     """
     factor = 1.0
     for i in range(len(step)):
@@ -167,7 +149,7 @@ def factor_within(base: Array, step: Array, most: Array) -> float:
 
 @jit(f8(f8, f8, f8))
 def clip(value: float, low: float, high: float) -> float:
-    """Return a value within bounds; NaN if one of the three is."""
+    """Return a value within bounds; NaN where one of the three is."""
     if math.isnan(low) or math.isnan(high):
         return math.nan
     return min(max(value, low), high)

@@ -68,8 +68,7 @@ def quaternion(R: Array) -> EulerParameters:
 def mutual_R(R_1: Array, R_2: Array) -> EulerParameters:
     """Return {eta_21, eps_21} of R_1' R_2, eq. (11), with eta_21 >= 0.
 
-    It extracts from the mutual rotation; two quaternions extracted apart and composed
-    can be of opposite sign, which makes a small error look like a turn of almost 360 deg.
+    Two quaternions extracted apart can be of opposite sign: a turn of almost 360 deg.
     """
     return EulerParameters(*_mutual_R(R_1, R_2))
 
@@ -144,16 +143,6 @@ def product(A: Array, B: Array) -> Array:
     return C
 
 
-@jit(new_matrix(matrix, matrix))
-def relative(R_1: Array, R_2: Array) -> Array:
-    """Return R_1' R_2."""
-    C = np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
-            C[i, j] = R_1[0, i] * R_2[0, j] + R_1[1, i] * R_2[1, j] + R_1[2, i] * R_2[2, j]
-    return C
-
-
 @jit(new_vector(matrix, vector))
 def solve(A: Array, b: Array) -> Array:
     """Return A^-1 b by Cramer's rule; NaN where A is singular."""
@@ -195,11 +184,7 @@ def R_angle_axis(theta: float, r: Array) -> Array:
 
 @jit(_quaternion(matrix))
 def shepperd(R: Array) -> tuple[float, Array]:
-    """Return (eta, eps) of R with eta >= 0, by Shepperd's method.
-
-    The largest of the four is found first, so it works at every angle, theta = pi
-    included, and keeps small angles.
-    """
+    """Return (eta, eps) of R with eta >= 0, by Shepperd's method, which is exact at every angle."""
     trace = R[0, 0] + R[1, 1] + R[2, 2]
     largest = max(trace, R[0, 0], R[1, 1], R[2, 2])
     eps = np.empty(3)
@@ -217,7 +202,7 @@ def shepperd(R: Array) -> tuple[float, Array]:
 
 @jit(_quaternion(matrix, matrix))
 def _mutual_R(R_1: Array, R_2: Array) -> tuple[float, Array]:
-    return shepperd(relative(R_1, R_2))
+    return shepperd(product(R_1.T, R_2))
 
 
 @jit(new_matrix(f8, vector))
@@ -238,7 +223,7 @@ def R_quaternion(eta: float, eps: Array) -> Array:
 
 @jit(_quaternion(f8, vector, vector))
 def propagation(eta: float, eps: Array, omega: Array) -> tuple[float, Array]:
-    """Return deta, deps for the angular velocity omega (3,) [rad/s], eqs. (8), (9), (10).
+    """Return deta, deps for omega [rad/s], eqs. (8)-(10).
 
     Also eqs. (16), (17), with the mutual quaternion and the relative velocity in frame 1.
     """

@@ -37,7 +37,7 @@ from eulerparams_control.laws.rotations import (
     body_rates,
     log,
     norm,
-    relative,
+    product,
     right_jacobian,
     solve,
     turn,
@@ -252,7 +252,8 @@ class _Knots(NamedTuple):
             for frame, is_known in zip(self.frames, known, strict=True)
         )
         if len(times) > 1:
-            x, way = np.array([log(relative(*pair)) for pair in pairwise(R)]), np.diff(p, axis=0)
+            x = np.array([log(product(before.T, after)) for before, after in pairwise(R)])
+            way = np.diff(p, axis=0)
             _solve(times, way, 0 * x, dp, ddp, known)
             omega, domega = (np.einsum("nji,nj->ni", R, rates) for rates in (omega, domega))
             _solve(times, x, x, omega, domega, known)

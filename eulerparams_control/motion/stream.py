@@ -9,7 +9,7 @@ interval between two of them has to do with the rate of the filter is its time c
 
 import math
 
-from eulerparams_control.laws.rotations import exp, log, norm, relative
+from eulerparams_control.laws.rotations import exp, log, norm, product
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import MotionLimits
 
@@ -85,7 +85,7 @@ def _filtered(
 ) -> DesiredFrame:
     """Return the stream at a set-point T [s] after the one before; itself if it leaps."""
     expected = before.moved(T)
-    e_p, e_R = frame.p_d - expected.p_d, log(relative(expected.R_d, frame.R_d))
+    e_p, e_R = frame.p_d - expected.p_d, log(product(expected.R_d.T, frame.R_d))
     alpha, dp_d, omega_d = 1 - math.exp(-T / _TWISTS), frame.dp_d, frame.omega_d
     if not has_twists:
         most = T + 2 * _POSES

@@ -37,7 +37,6 @@ from eulerparams_control.laws.rotations import (
     log,
     norm,
     product,
-    relative,
     right_jacobian,
     solve,
     turn,
@@ -100,7 +99,7 @@ def rotation_vector_at_end(
     R_0: Array, R: Array, omega: Array, domega: Array
 ) -> tuple[Array, Array, Array]:
     """Return x, dx, ddx of R = R_0 exp(x): the inverse of ``turned``."""
-    x = log(relative(R_0, R))
+    x = log(product(R_0.T, R))
     J_r = right_jacobian(x)
     dx = solve(J_r, turn_back(R, omega))
     _, dJ_dx = body_rates(x, dx, np.zeros(3))

@@ -46,10 +46,8 @@ class RobotDescription:
 def load_robot(name_or_path: str) -> RobotDescription:
     """Return the robot of ``config/robots/<name>.yaml``, or of a path to such a file or a URDF.
 
-    Raises:
-        UnknownNameError: if there is no such robot; lists those that exist.
-        ConfigurationError: if its YAML file is broken.
-        RobotError: if its URDF is broken, or lacks a frame or a joint.
+    Raises UnknownNameError, which lists the robots, ConfigurationError for a broken YAML file, or
+    RobotError for a broken URDF, or one that lacks a frame or a joint.
     """
     path = Path(name_or_path)
     if path.suffix in (".urdf", ".xacro", ".xml"):
@@ -77,14 +75,13 @@ def find_urdf(urdf: str, folder: Path) -> Path:
     package, separator, path = urdf.partition(":")
     if not separator:
         return folder / Path(urdf).expanduser()
-    prefixes = [Path(entry) / "cmeel.prefix" for entry in sys.path if entry]
-    prefixes += [Path(entry) for entry in os.environ.get("AMENT_PREFIX_PATH", "").split(":")]
-    shares = [prefix / "share" / package for prefix in (*prefixes, Path(sys.prefix))]
-    roots = [root for share in shares for root in (share / "robots", share) if share.is_dir()]
     if package == "pybullet_data":
         import pybullet_data  # type: ignore[import-untyped]
 
         roots = [Path(pybullet_data.getDataPath())]
+    else:
+        shares = [share / package for share in share_folders()]
+        roots = [root for share in shares for root in (share / "robots", share) if share.is_dir()]
     for root in roots:
         if (root / path).is_file():
             return root / path
@@ -94,13 +91,22 @@ def find_urdf(urdf: str, folder: Path) -> Path:
     )
 
 
+def share_folders() -> list[Path]:
+    """Return the folders of the packages of ROS and of Python that may have URDFs or meshes."""
+    prefixes = [Path(entry) / "cmeel.prefix" for entry in sys.path if entry]
+    listed = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    prefixes += [Path(entry) for entry in listed if entry]
+    shares = [prefix / "share" for prefix in dict.fromkeys([*prefixes, Path(sys.prefix)])]
+    return [share for share in shares if share.is_dir()]
+
+
 def _describe(name: str, path: Path, entry: Mapping[str, Any]) -> RobotDescription:
     try:
         text = read_urdf(path)
         tree = UrdfTree(text)
-        base = tree.link(str(entry.get("base_frame", tree.root)))
+        base = tree.link(str(entry.get("base_frame", tree.root)), "base_frame")
         longest = max(tree.links, key=lambda link: len(tree.chain(tree.root, link)))
-        tip = tree.link(str(entry.get("tip_frame") or longest))
+        tip = tree.link(str(entry.get("tip_frame") or longest), "tip_frame")
         joints = _joints(tree, base, tip, entry.get("joints", []))
         return RobotDescription(
             name=name,
@@ -108,13 +114,13 @@ def _describe(name: str, path: Path, entry: Mapping[str, Any]) -> RobotDescripti
             urdf=text,
             base_frame=base,
             tip_frame=tip,
-            sensor_frame=tree.link(str(entry.get("sensor_frame", tip))),
+            sensor_frame=tree.link(str(entry.get("sensor_frame", tip)), "sensor_frame"),
             joints=joints,
             home=_home(tree, joints, entry.get("home")),
         )
     except OSError as error:
         raise RobotError(f"robot '{name}': the URDF cannot be read: {error}") from error
-    except (RobotError, UnknownNameError) as error:
+    except RobotError as error:
         raise RobotError(f"robot '{name}' ({path}): {error}") from error
 
 
@@ -123,8 +129,8 @@ def _joints(tree: UrdfTree, base: str, tip: str, names: Any) -> tuple[str, ...]:
         raise RobotError(f"joints must be a list of names, got {names!r}")
     joints = tree.moving(base, tip, names)
     if not joints or (names and names != list(joints)):
-        moving = tree.moving(base, tip)
-        raise RobotError(f"joints must be some of {', '.join(moving)}, from base to tip")
+        moving = ", ".join(tree.moving(base, tip))
+        raise RobotError(f"joints must be some of {moving}, from base to tip")
     for joint in joints:
         refuse_motionless(tree.joints[joint])
     return joints

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from eulerparams_control.errors import RobotError, UnknownNameError
+from eulerparams_control.errors import RobotError
 from eulerparams_control.laws.friction import JointFriction
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array
@@ -32,15 +32,10 @@ _MAX_REACH = 100.0  # [m] whatever the limits of a rail say
 
 
 class Reach(NamedTuple):
-    """A sphere that the tip never leaves, though it does not reach all points of it.
+    """A sphere that the tip never leaves, though it does not reach all points of it."""
 
-    Attributes:
-        centre: (3,) [m] the first joint, base frame.
-        radius: [m] the sum of the links from there on, and of how far joints slide.
-    """
-
-    centre: Array
-    radius: float
+    centre: Array  # (3,) [m] the first joint, base frame
+    radius: float  # [m] the sum of the links from there on, and of how far joints slide
 
     def distance(self, p: Array) -> float:
         """Return the distance [m] of a position (3,) from the first joint."""
@@ -48,89 +43,58 @@ class Reach(NamedTuple):
 
 
 class RobotState(NamedTuple):
-    """Kinematics of the arm at one instant; having one proves that they are up to date.
+    """Kinematics of the arm in the base frame; having them proves that they are up to date."""
 
-    Attributes:
-        q: (n,) joint positions [rad or m], in the order of ``Robot.joints``.
-        dq: (n,) joint velocities [rad/s or m/s].
-        p_e: (3,) [m] origin of the tip, base frame, eq. (18).
-        R_e: (3, 3) orientation of the tip, base frame, eq. (19).
-        dp_e: (3,) [m/s] velocity of the tip, base frame, eq. (20).
-        omega_e: (3,) [rad/s] angular velocity of the tip, base frame, eq. (20).
-        J: (6, n) geometric Jacobian, base frame, linear part first, eq. (20).
-    """
-
-    q: Array
-    dq: Array
-    p_e: Array
-    R_e: Array
-    dp_e: Array
-    omega_e: Array
-    J: Array
+    q: Array  # (n,) [rad or m] joint positions, in the order of Robot.joints
+    dq: Array  # (n,) [rad/s or m/s]
+    p_e: Array  # (3,) [m] origin of the tip, eq. (18)
+    R_e: Array  # (3, 3) orientation of the tip, eq. (19)
+    dp_e: Array  # (3,) [m/s] velocity of the tip, eq. (20)
+    omega_e: Array  # (3,) [rad/s] angular velocity of the tip, eq. (20)
+    J: Array  # (6, n) geometric Jacobian, linear part first, eq. (20)
 
 
 class DynamicState(NamedTuple):
-    """Kinematics and dynamics of the arm at one instant: the terms of eq. (32).
-
-    Attributes:
-        arm: its kinematics.
-        dJ_dq: (6,) [m/s^2, rad/s^2] dJ dq, the acceleration of the tip at ddq = 0, base frame.
-        B: (n, n) joint inertia [kg m^2].
-        C_dq: (n,) Coriolis and centrifugal efforts C dq [Nm].
-        g: (n,) gravitational efforts [Nm].
-    """
+    """Kinematics and dynamics of the arm at one instant: the terms of eq. (32)."""
 
     arm: RobotState
-    dJ_dq: Array
-    B: Array
-    C_dq: Array
-    g: Array
+    dJ_dq: Array  # (6,) [m/s^2, rad/s^2] dJ dq, the acceleration of the tip at ddq = 0
+    B: Array  # (n, n) [kg m^2] joint inertia
+    C_dq: Array  # (n,) [Nm] Coriolis and centrifugal efforts C dq
+    g: Array  # (n,) [Nm] gravitational efforts
 
 
 class Tool(NamedTuple):
-    """A body fixed to a frame, as a tool that the URDF does not have to the tip.
+    """A body fixed to a frame, as a tool that the URDF does not have to the tip."""
 
-    Attributes:
-        mass: [kg].
-        com: (3,) [m] centre of mass in the frame.
-        inertia: (3, 3) [kg m^2] about that, axes of the frame.
-    """
-
-    mass: float
-    com: Array
-    inertia: Array
+    mass: float  # [kg]
+    com: Array  # (3,) [m] centre of mass
+    inertia: Array  # (3, 3) [kg m^2] about that, axes of the frame
 
 
 class Robot:
-    """A serial arm of n active joints, from a URDF.
+    """A serial arm of n active joints, from a URDF; for one thread at a time.
 
     Joints that are not active (grippers, mimics, other arms) are held at 0 in the model.
-    Revolute, continuous and prismatic joints may be mixed.  A robot is for one thread at a time.
 
     Args:
         urdf: the text of the URDF.
-        base_frame: the link that poses and twists refer to; "" is the root link.
+        base_frame: the link that poses and twists refer to; "" is the root.
         tip_frame: the link that is controlled.
         joints: names of the active joints; () is all that move between base and tip.
         gravity: (3,) [m/s^2] in the root link.
         tool: carried at the tip; None if there is none.
 
     Attributes:
-        base_frame, tip_frame: links, "" resolved.
-        joints: the n active joints, base to tip.
-        limits, friction: of the active joints, as the URDF states them.
+        limits, friction: of the n active joints, as the URDF states them.
         model: Pinocchio's, with the base frame as its world; nq = nv = n.
         gravity: (3,) [m/s^2] in the base frame.
-        length: characteristic length [m]: 0.8 times the sum of the distances between the origins
-            of successive joints, up to the tip, and of the ranges of those that slide; that of
-            a UR5 is 0.99 m.
-        reach: a sphere around all positions of the tip.
-        is_prismatic: (n,) which of the active joints slide; the others turn.
+        length: characteristic length [m]: 0.8 times the sum of the distances between successive
+            joints, up to the tip, and of the ranges of those that slide; of a UR5 it is 0.99 m.
         mount: joints between the root and the base that could turn it against gravity, held at 0
             in the model too; one that slides, as the lift of a torso does, is none of them.
 
-    Raises:
-        RobotError: if the URDF is broken, or a frame or joint is not there.
+    Raises RobotError if the URDF is broken, or a frame or joint is not there.
     """
 
     def __init__(
@@ -143,8 +107,8 @@ class Robot:
         tool: Tool | None = None,
     ) -> None:
         tree = self._tree = UrdfTree(urdf)
-        self.base_frame = _frame(tree, base_frame or tree.root, "base_frame")
-        self.tip_frame = _frame(tree, tip_frame, "tip_frame")
+        self.base_frame = tree.link(base_frame or tree.root, "base_frame")
+        self.tip_frame = tree.link(tip_frame, "tip_frame")
         self.joints = tree.moving(self.base_frame, self.tip_frame, joints)
         if not self.joints:
             raise RobotError(
@@ -173,8 +137,7 @@ class Robot:
     def refuse_joints(self) -> None:
         """Raise RobotError, with what helps, if the joints from base to tip cannot be controlled.
 
-        One that moves but is not active is held at 0 in the model, and nowhere else; the limits
-        of one that is active may not let it move.
+        One that moves but is not active is held at 0 in the model, and nowhere else.
         """
         tree = self._tree
         for joint in self.joints:
@@ -189,19 +152,18 @@ class Robot:
             )
 
     def refuse_size(self, q: Array, dq: Array) -> None:
-        """Raise RobotError if q or dq has not n elements."""
+        """Raise RobotError unless q and dq are (n,)."""
         if q.shape != (self.n,) or dq.shape != (self.n,):
             raise RobotError(f"q and dq have shapes {q.shape}, {dq.shape}; expected ({self.n},)")
 
     def placement(self, frame: str, offset: Sequence[float] = (0.0, 0.0, 0.0)) -> Placement:
         """Return where a point (3,) [m] of a link is, seen from the tip; "" is the tip.
 
-        Raises:
-            RobotError: if there is no such link, or a joint can move between it and the tip.
+        Raises RobotError if there is no such link, or a joint can move between it and the tip.
         """
         if frame in ("", self.tip_frame) and not any(offset):
             return AT_ORIGIN
-        frame = _frame(self._tree, frame or self.tip_frame, "frame")
+        frame = self._tree.link(frame or self.tip_frame, "frame")
         if moving := self._moving_between(frame, self.tip_frame):
             raise RobotError(
                 f"the frame '{frame}' is not fixed to the tip '{self.tip_frame}': "
@@ -214,12 +176,11 @@ class Robot:
     def link_at(self, frame: str, q: Array) -> Placement:
         """Return where a link is at q (n,), seen from the base frame; "" is the base frame.
 
-        Raises:
-            RobotError: if there is no such link, or another joint moves it against the base.
+        Raises RobotError if there is no such link, or another joint moves it against the base.
         """
         if frame in ("", self.base_frame):
             return AT_ORIGIN
-        moving = self._moving_between(_frame(self._tree, frame, "frame_id"), self.base_frame)
+        moving = self._moving_between(self._tree.link(frame, "frame_id"), self.base_frame)
         if others := [joint for joint in moving if joint not in self.joints]:
             raise RobotError(
                 f"where the frame '{frame}' is depends on {', '.join(others)}, which is not among "
@@ -251,12 +212,11 @@ class Robot:
 
     def states(self, q: Array, dq: Array) -> RobotState:
         """Return the kinematics of N samples q, dq (N, n) as one, its fields stacked."""
-        if q.shape != dq.shape or q.shape != (len(q), self.n):
-            raise RobotError(f"q and dq have shapes {q.shape}, {dq.shape}; expected (N, {self.n})")
-        one = self.state(self._zero, self._zero)
-        stacked = RobotState(*(np.empty((len(q), *field.shape)) for field in one))
-        for k in range(len(q)):
-            for field, value in zip(stacked, self.state(q[k], dq[k]), strict=True):
+        stacked = RobotState(
+            *(np.empty((len(q), *field.shape)) for field in self.state(self._zero, self._zero))
+        )
+        for k, sample in enumerate(zip(q, dq, strict=True)):
+            for field, value in zip(stacked, self.state(*sample), strict=True):
                 field[k] = value
         return stacked
 
@@ -272,14 +232,13 @@ class Robot:
         return DynamicState(arm, a_e.vector.copy(), B, C_dq, g)
 
     def _lengths(self) -> tuple[float, Reach]:
-        """Return the characteristic length [m], and how far the tip can be."""
         first, *links = [at.translation for at in self.model.jointPlacements[1:]]
         links.append(self.model.frames[self._tip].placement.translation)
         stretched = sum(float(np.linalg.norm(link)) for link in links)
-        lower, upper = self.limits.lower[self.is_prismatic], self.limits.upper[self.is_prismatic]
-        ranges = upper - lower
+        slides = np.array([self.limits.lower, self.limits.upper])[:, self.is_prismatic]
+        ranges = slides[1] - slides[0]
         length = stretched + float(ranges[np.isfinite(ranges)].sum())
-        radius = min(stretched + float(np.maximum(abs(lower), abs(upper)).sum()), _MAX_REACH)
+        radius = min(stretched + float(np.abs(slides).max(axis=0).sum()), _MAX_REACH)
         return _LENGTH_OF_REACH * length if length > 0 else 1.0, Reach(first.copy(), radius)
 
 
@@ -289,20 +248,13 @@ def carried_by(tree: UrdfTree, frame: str) -> Tool:
     The link itself counts if it is on a fixed joint: then it is a place on the link before;
     else it is the last link of an arm.
     """
-    robot, joint = tree.moving_only(()), tree.chain(tree.root, frame)[-1]
-    if tree.kind(joint) != "fixed":
+    robot, carrier = tree.moving_only(()), tree.chain(tree.root, frame)[-1]
+    if tree.kind(carrier) != "fixed":
         link = next(link for link in robot.iter("link") if link.get("name") == frame)
-        link.clear()
-        link.set("name", frame)
-    next(j for j in robot.iter("joint") if j.get("name") == joint).set("type", "floating")
+        del link[:]
+    next(j for j in robot.iter("joint") if j.get("name") == carrier).set("type", "floating")
     body = _build(robot).inertias[1]
     return Tool(body.mass, body.lever.copy(), body.inertia.copy())
-
-
-def _frame(tree: UrdfTree, name: str, parameter: str) -> str:
-    if name not in tree.links:
-        raise RobotError(f"{parameter}: {UnknownNameError('frame', name, tree.links)}")
-    return name
 
 
 def _model_of(

@@ -24,9 +24,13 @@ COULOMB_SPEED = 0.05  # [rad/s] Coulomb friction is tanh(dq / COULOMB_SPEED); a 
 _TYPES = (*MOVING, "fixed", "floating", "planar")
 _PLACE = ("origin", "parent", "child", "axis")
 _LIMITS = ("lower", "upper", "velocity", "effort")
-_INERTIAL = {"mass": ("value",), "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")}
-_LEAST = {"value": 0.0, "ixx": -1e-9, "iyy": -1e-9, "izz": -1e-9}  # of a point, by rounding
 _LARGEST = 1e9  # [m, kg, kg m^2] beyond it numbers would overflow sooner or later
+_ROUNDING = -1e-9  # [kg m^2] of the inertia of a point
+_INERTIAL = (  # element, least number, attributes
+    ("mass", 0.0, ("value",)),
+    ("inertia", _ROUNDING, ("ixx", "iyy", "izz")),
+    ("inertia", -_LARGEST, ("ixy", "ixz", "iyz")),
+)
 
 # Beyond these Pinocchio (a chain of 5000 links) and PyBullet (a name of 3000) end the process.
 _MOST_LINKS = 1000
@@ -79,18 +83,18 @@ def parse(text: str) -> ET.Element:
         raise RobotError(f"the robot description is no URDF: its root is <{robot.tag}>; {_URDF}")
     for part in robot:
         if part.tag.startswith(("link", "joint", "xacro:")) and part.tag not in _DEFINITIONS:
-            for element in part.iter():
-                _refuse_xacro(element)
+            _refuse_xacro(part)
     return robot
 
 
-def _refuse_xacro(element: ET.Element) -> None:
-    for text in (f"<{element.tag}>", *element.attrib.values()):
-        if re.search(r"^<xacro:|\$[{(]", text) and element.tag != "mesh":
-            raise RobotError(
-                f"the robot description is xacro that was not expanded: it has {text}; expand "
-                "it: xacro FILE.xacro > FILE.urdf, in a launch file Command(['xacro ', FILE])"
-            )
+def _refuse_xacro(part: ET.Element) -> None:
+    for element in part.iter():
+        for text in (f"<{element.tag}>", *element.attrib.values()):
+            if re.search(r"^<xacro:|\$[{(]", text) and element.tag != "mesh":
+                raise RobotError(
+                    f"the robot description is xacro that was not expanded: it has {text}; expand "
+                    "it: xacro FILE.xacro > FILE.urdf, in a launch file Command(['xacro ', FILE])"
+                )
 
 
 @contextmanager
@@ -111,23 +115,24 @@ def attribute(element: ET.Element, name: str) -> str:
 
 
 def numbers(
-    element: ET.Element, name: str, default: str = "", count: int = 3, largest: float = _LARGEST
+    element: ET.Element, name: str, default: str = "", count: int = 3, least: float = -_LARGEST
 ) -> list[float]:
-    """Return the numbers of an attribute; raises RobotError if they are none, or too large."""
+    """Return the numbers of an attribute; raises RobotError if they are none, or out of bounds."""
     text = element.get(name, default)
     try:
         values = [float(word) for word in text.split()]
     except ValueError:
         values = []
-    if len(values) != count or not all(abs(value) <= largest for value in values):
-        kinds = {1: "a number, as 0.5 or 1e-3", 3: "three numbers with blanks, as '0 0 0.5'"}
+    if len(values) != count or not all(least <= x <= max(_LARGEST, -least) for x in values):
+        one = "a number of 0 or more" if least >= _ROUNDING else "a number"
+        kinds = {1: f"{one}, as 0.5 or 1e-3", 3: "three numbers with blanks, as '0 0 0.5'"}
         expected = kinds.get(count, f"{count} numbers")
         raise RobotError(f"{name} of its <{element.tag}> is '{text}'; expected {expected}")
     return values
 
 
-def _number(element: ET.Element, name: str, default: str) -> float:
-    return numbers(element, name, default, 1, math.inf)[0]
+def _number(element: ET.Element, name: str, default: str = "0") -> float:
+    return numbers(element, name, default, 1, -math.inf)[0]
 
 
 def text_of(values: Iterable[float]) -> str:
@@ -135,30 +140,23 @@ def text_of(values: Iterable[float]) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def _rewrite_origin(element: ET.Element) -> None:
-    if (origin := element.find("origin")) is not None:
+def _check_place(element: ET.Element) -> None:
+    for origin in element.findall("origin"):
         for name in ("xyz", "rpy"):
             origin.set(name, text_of(numbers(origin, name, "0 0 0")))
 
 
 def _check_link(link: ET.Element) -> None:
-    """Check and rewrite the inertia of a link, if it has one."""
-    inertial = link.find("inertial")
-    if inertial is None:
-        return
-    _rewrite_origin(inertial)
-    for part, names in _INERTIAL.items():
-        element = next(inertial.iter(part), ET.Element(part))
-        for name in names:
-            (value,) = numbers(element, name, count=1)
-            if value < _LEAST.get(name, -_LARGEST):
-                raise RobotError(f"{name} of its <{part}> is {value:g}; expected 0 or more")
-            element.set(name, repr(value))
+    for inertial in link.findall("inertial"):
+        _check_place(inertial)
+        for tag, least, names in _INERTIAL:
+            part = next(inertial.iter(tag), ET.Element(tag))
+            for name in names:
+                part.set(name, text_of(numbers(part, name, "", 1, least)))
 
 
 def _check_joint(joint: ET.Element) -> None:
-    """Check and rewrite the place and the axis of a joint."""
-    _rewrite_origin(joint)
+    _check_place(joint)
     axis = joint.find("axis")
     if attribute(joint, "type") in MOVING:
         axis = ET.SubElement(joint, "axis") if axis is None else axis
@@ -172,7 +170,7 @@ def _check_joint(joint: ET.Element) -> None:
 
 
 def _checked(robot: ET.Element, tag: str) -> dict[str, ET.Element]:
-    """Return the links or the joints of a robot by their names, checked and rewritten."""
+    """Return the links or joints by their names; numbers are rewritten, axes of length 1."""
     named: dict[str, ET.Element] = {}
     for element in robot.findall(tag):
         name = attribute(element, "name")
@@ -189,19 +187,13 @@ def _checked(robot: ET.Element, tag: str) -> dict[str, ET.Element]:
 
 
 class UrdfTree:
-    """The links and joints of a URDF, checked to be one tree.
-
-    Args:
-        text: the XML text.
+    """The links and joints of a URDF, checked to be one tree; RobotError if they are not.
 
     Attributes:
         element: the ``<robot>``, only of links, joints and materials.
         links: the names of the links, in the order of the file.
         joints: the ``<joint>`` of each name, in the order of the file.
         root: the link that no joint carries.
-
-    Raises:
-        RobotError: if the text is no URDF, or not one tree, or if a link or joint is impossible.
     """
 
     def __init__(self, text: str) -> None:
@@ -215,8 +207,8 @@ class UrdfTree:
         self._above: dict[str, str] = {}  # link -> the joint that carries it
         for joint in self.joints:
             for end in ("parent", "child"):
-                if self.end(joint, end) not in self.links:
-                    raise RobotError(f"joint '{joint}': no link '{self.end(joint, end)}' as {end}")
+                if (link := self.end(joint, end)) not in self.links:
+                    raise RobotError(f"joint '{joint}': no link '{link}' as {end}")
             child = self.end(joint, "child")
             if child in self._above:
                 raise RobotError(f"link '{child}' has two parents; expected one")
@@ -237,14 +229,14 @@ class UrdfTree:
         element = self.joints[joint].find(end)
         return "" if element is None else element.get("link", "")
 
-    def link(self, name: str) -> str:
-        """Return ``name``; raises UnknownNameError if it is not a link."""
+    def link(self, name: str, parameter: str) -> str:
+        """Return ``name``; raises RobotError if it is not a link."""
         if name not in self.links:
-            raise UnknownNameError("frame", name, self.links)
+            raise RobotError(f"{parameter}: {UnknownNameError('frame', name, self.links)}")
         return name
 
     def chain(self, base: str, tip: str) -> list[str]:
-        """Return the joints from the link ``base`` to the link ``tip``, which it has to carry."""
+        """Return the joints from ``base`` to ``tip``, a link that ``base`` has to carry."""
         link, names = tip, list[str]()
         while link != base:
             if link not in self._above or len(names) > len(self.joints):  # a loop
@@ -254,16 +246,12 @@ class UrdfTree:
         return names[::-1]
 
     def moving(self, base: str, tip: str, joints: Collection[str] = ()) -> tuple[str, ...]:
-        """Return the joints from ``base`` to ``tip`` that move and mimic none; or ``joints``.
-
-        Raises:
-            RobotError: if ``base`` does not carry ``tip``, or one of ``joints`` is none of them.
-        """
+        """Return the joints from ``base`` to ``tip`` that move and mimic none; or ``joints``."""
         chain = self.chain(base, tip)
         for name in chain:
             if (kind := self.kind(name)) not in _TYPES:
                 raise RobotError(f"joint '{name}': {UnknownNameError('type', kind, _TYPES)}")
-        free = (name for name in chain if self.joints[name].find("mimic") is None)
+        free = [name for name in chain if self.joints[name].find("mimic") is None]
         moving = tuple(name for name in free if self.kind(name) in MOVING)
         for name in joints:
             if name not in moving:
@@ -271,9 +259,9 @@ class UrdfTree:
         return tuple(name for name in moving if name in joints or not joints)
 
     def moving_only(self, joints: Collection[str], shapes: Collection[str] = ()) -> ET.Element:
-        """Return the ``<robot>`` in which only some joints move, the others are fixed at 0.
+        """Return the ``<robot>`` in which only ``joints`` move, the others are fixed at 0.
 
-        Nothing has friction; links keep their ``shapes``, of "visual" and "collision".
+        Nothing has friction; of "visual" and "collision" links keep their ``shapes``.
         """
         robot = ET.Element("robot", name="robot")
         robot.extend(self.element.findall("material") if shapes else ())
@@ -292,10 +280,7 @@ class UrdfTree:
 
 
 def joint_limits(joint: ET.Element) -> tuple[float, float, float, float]:
-    """Return lower, upper, velocity and effort limit [rad or m, and s, Nm or N] of a ``<joint>``.
-
-    Those of its ``<safety_controller>`` count, too; infinite is none.
-    """
+    """Return lower, upper, velocity and effort limit [rad or m, and s, Nm or N]; inf is none."""
     turns, limit = joint.get("type") == "continuous", joint.find("limit")
     if turns and limit is None:
         return -math.inf, math.inf, math.inf, math.inf
@@ -305,7 +290,7 @@ def joint_limits(joint: ET.Element) -> tuple[float, float, float, float]:
                 f"its <limit> has no velocity or no effort; {_LIMIT} (a joint that turns "
                 "without end is continuous, and needs none)"
             )
-        lower, upper, velocity, effort = (_number(limit, name, "0") for name in _LIMITS)
+        lower, upper, velocity, effort = (_number(limit, name) for name in _LIMITS)
         soft = joint.find("safety_controller")
         if turns:
             lower, upper = -math.inf, math.inf
@@ -338,4 +323,4 @@ def joint_friction(joint: ET.Element) -> tuple[float, float]:
     """Return damping [Nm s/rad] and friction [Nm] of its ``<dynamics>``, 0 if it states none."""
     dynamics = next(joint.iter("dynamics"), ET.Element("dynamics"))
     with _naming(joint):
-        return _number(dynamics, "damping", "0"), _number(dynamics, "friction", "0")
+        return _number(dynamics, "damping"), _number(dynamics, "friction")

@@ -86,10 +86,7 @@ class IdentifyToolNode(Node):
 
     def _set_description(self, urdf: str) -> None:
         tree = UrdfTree(urdf)
-        try:
-            tree.link(self._params.tip_frame)
-        except UnknownNameError as error:
-            raise ConfigurationError(f"tip_frame: {error}") from error
+        tree.link(self._params.tip_frame, "tip_frame")
         self._description, self._urdf = urdf, tree
         text = "waiting for the first wrench, which names its frame"
         self._health.set(diagnostics.OK, text, mode=WorkMode.WAITING)
@@ -98,12 +95,9 @@ class IdentifyToolNode(Node):
         """Begin to take poses with the sensor in ``frame``; raises InvalidMessageError."""
         assert self._urdf is not None
         p = self._params
-        try:
-            self._urdf.link(frame)
-        except UnknownNameError as error:
-            raise InvalidMessageError(
-                f"its frame is no link of the robot description: {error}"
-            ) from error
+        if frame not in self._urdf.links:
+            error = UnknownNameError("frame", frame, self._urdf.links)
+            raise InvalidMessageError(f"its frame is no link of the robot description: {error}")
         mount = SensorMount(self._description, frame, p.tip_frame, p.joints)
         self._reader = JointStateReader(mount.joints)
         self._collector = PoseCollector(p.pose_options(), mount.orientation, np.array(p.gravity))

@@ -44,15 +44,16 @@ class SensorMount:
         carried: what the links of the URDF beyond the sensor weigh.
 
     Raises:
-        UnknownNameError: if one of the frames is no link of the URDF.
-        RobotError: if the URDF is broken, or if joints move between sensor and tip.
+        RobotError: if the URDF is broken, a frame is none of its links, or joints move between
+            sensor and tip.
     """
 
     def __init__(
         self, urdf: str, sensor_frame: str, tip_frame: str, joints: tuple[str, ...] = ()
     ) -> None:
         tree = UrdfTree(urdf)
-        self.frame, self.tip_frame = tree.link(sensor_frame), tree.link(tip_frame)
+        self.frame = tree.link(sensor_frame, "sensor_frame")
+        self.tip_frame = tree.link(tip_frame, "tip_frame")
         between = set(tree.moving(tree.root, sensor_frame)) ^ set(tree.moving(tree.root, tip_frame))
         if between:
             raise RobotError(

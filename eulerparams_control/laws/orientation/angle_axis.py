@@ -60,10 +60,7 @@ class AngleAxisRepresentation(RelativeQuaternionRepresentation):
     def acceleration(
         self, x_de: Any, omega_d: Array, domega_d: Array, omega_e: Array, k_Po: float, k_Vo: float
     ) -> Array:
-        """Return L^-1 (L' domega_d + dL' omega_d - dL omega_e + k_Vo do_de + k_Po o_de).
-
-        It gives ddo_de + k_Vo do_de + k_Po o_de = 0.
-        """
+        """Return L^-1 (L' domega_d + dL' omega_d - dL omega_e + k_Vo do_de + k_Po o_de)."""
         o_de, Q = x_de.error, _Q(x_de)
         L, dL = L_of(Q), dL_of(Q, omega_d, omega_e)
         do_de = L.T @ omega_d - L @ omega_e

@@ -30,17 +30,11 @@ class Lyapunov(NamedTuple):
 
 
 class RotationalSpring(NamedTuple):
-    """What the stiffness K_o does to a frame that is turned off the desired one.
+    """What the stiffness K_o does to a frame that is turned off the desired one."""
 
-    Attributes:
-        moment: (3,) [Nm] on it, minus the gradient of the energy: no closed path makes energy.
-        energy: [J].
-        axes: (3, 3) A of the stiffness A K_o A' [Nm/rad] that small turns from there feel.
-    """
-
-    moment: Array
-    energy: float
-    axes: Array
+    moment: Array  # (3,) [Nm] minus the gradient of the energy: no closed path makes energy
+    energy: float  # [J]
+    axes: Array  # (3, 3) A of the stiffness A K_o A' [Nm/rad] that small turns from there feel
 
 
 @dataclass(frozen=True)
@@ -53,20 +47,14 @@ class OrientationOptions:
 
 @dataclass(frozen=True)
 class OrientationRepresentation(ABC):
-    """One representation of the orientation displacement, as the laws use it.
-
-    Attributes:
-        name: the value of the parameter ``orientation``.
-        symbol, unit: of its orientation error, in words; "rad" or "".
-        slope: [1/rad] of that where the displacement is small.
-    """
+    """One representation of the orientation displacement, as the laws use it."""
 
     options: OrientationOptions = field(default_factory=OrientationOptions)
 
-    name: ClassVar[str]
+    name: ClassVar[str]  # the value of the parameter ``orientation``
     symbol: ClassVar[str] = "orientation error"
-    unit: ClassVar[str] = ""
-    slope: ClassVar[float] = 1.0
+    unit: ClassVar[str] = ""  # of the error: "rad" or ""
+    slope: ClassVar[float] = 1.0  # [1/rad] of the error where the displacement is small
     registry: ClassVar[dict[str, type["OrientationRepresentation"]]] = {}
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
@@ -80,17 +68,15 @@ class OrientationRepresentation(ABC):
     def displacement(self, R_d: Array, R_e: Array, previous: Any = None) -> Any:
         """Return the displacement x_de of R_d from R_e, eqs. (22), (27).
 
-        Its ``error`` (3,) is what the gains act on, zero where the frames are aligned.  What is
-        not unique (a sign, an angle at the pole) follows from the displacement of the sample
-        before, ``previous``; None at the first.
+        Its ``error`` (3,) is what the gains act on.  What is not unique (a sign, an angle at the
+        pole) follows from ``previous``, the displacement of the sample before, or None.
         """
 
     @abstractmethod
     def velocity(self, x_de: Any, omega_d: Array, k_Po: float) -> Array:
-        """Return the angular velocity omega (3,) [rad/s] that CLIK asks for, with k_Po [1/s].
+        """Return the angular velocity omega (3,) [rad/s] of CLIK with k_Po [1/s], eqs. (23), (28).
 
-        The lower half of the bracket of (28), or of T times that of (23): along it the error obeys
-        the representation's error equation, (26), (29).  Raises SingularityError.
+        Along it the error obeys its equation, (26), (29).  Raises SingularityError.
         """
 
     @abstractmethod
@@ -99,9 +85,8 @@ class OrientationRepresentation(ABC):
     ) -> Array:
         """Return the angular acceleration a_o (3,) [rad/s^2] of dynamic control, eqs. (38), (40).
 
-        Along domega_e = a_o, eq. (35), the error obeys the representation's error equation of
-        second order, (39), (41).  k_Po [1/s^2] is the gain of the error, k_Vo [1/s] of its rate.
-        Raises SingularityError.
+        Along domega_e = a_o, eq. (35), the error obeys its equation of second order, (39), (41),
+        with k_Po [1/s^2] and k_Vo [1/s].  Raises SingularityError.
         """
 
     @abstractmethod
@@ -110,7 +95,7 @@ class OrientationRepresentation(ABC):
 
     @property
     def singularity(self) -> str:
-        """What is singular where the law has no answer, and what helps."""
+        """What is singular, and what helps."""
         return f"the law of {self.name} is singular; use orientation: euler_parameters"
 
     def finite(self, v: Array) -> Array:
@@ -156,28 +141,19 @@ class OrientationRepresentation(ABC):
         """Return what K_o (3, 3) [Nm/rad] of :meth:`impedance` does between two frames."""
 
     def impedance(self, Z: Impedance) -> Impedance:
-        """Return an impedance of small turns about the desired axes in the coordinates of ``y``.
-
-        Raises ConfigurationError if it has none in them.
-        """
+        """Return an impedance of small turns in the coordinates of ``y``, or ConfigurationError."""
         return Z
 
     def lyapunov_3(self, R_cd: Array, x: Array, Z: Impedance, mu_d: Array) -> Lyapunov | None:
-        """Return V_3 of the impedance, eqs. (68), (69), with the power of mu^d; None: it has none.
-
-        R_cd (3, 3) is R_d' R_c, x (3,) [rad/s] R_d' (omega_c - omega_d).
-        """
+        """Return V_3, eqs. (68), (69), of R_d' R_c and x = R_d' (omega_c - omega_d), or None."""
         return None
 
     def least_moment(self, K_o: Array) -> float:
-        """Return the largest moment [Nm] that K_o balances about its weakest axis; inf: any."""
+        """Return the largest moment [Nm] that K_o balances about its weakest axis."""
         return math.inf
 
 
-_rotation = types.Tuple((new_matrix, new_vector, new_vector))
-
-
-@jit(_rotation(matrix, matrix, vector, vector, vector, vector))
+@jit(types.Tuple((new_matrix, new_vector, new_vector))(matrix, matrix, *4 * (vector,)))
 def in_base(
     R_d: Array, R_cd: Array, omega_d: Array, domega_d: Array, x: Array, dx: Array
 ) -> tuple[Array, Array, Array]:

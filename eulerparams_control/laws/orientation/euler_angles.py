@@ -39,10 +39,7 @@ class EulerAnglesRepresentation(OrientationRepresentation):
         return EulerAnglesDisplacement(phi_d, phi_e, wrap(phi_d - phi_e))
 
     def velocity(self, x_de: EulerAnglesDisplacement, omega_d: Array, k_Po: float) -> Array:
-        """Return T(phi_e) (dphi_d + k_Po (phi_d - phi_e)), eq. (23) by way of (24).
-
-        J_A^-1 = J^-1 diag(I, T) exists where J_A does not, which is never built.
-        """
+        """Return T(phi_e) (dphi_d + k_Po (phi_d - phi_e)): J_A^-1 = J^-1 diag(I, T) in (23)."""
         sequence, (phi_d, phi_e, phi_de) = self.options.sequence, x_de
         dphi_d = sequence.rates(phi_d, omega_d)  # (3)
         return sequence.T(phi_e) @ (dphi_d + k_Po * phi_de)  # (23), (24)
@@ -52,7 +49,7 @@ class EulerAnglesRepresentation(OrientationRepresentation):
     ) -> Array:
         """Return T (ddphi_d + k_Vo Delta dphi_de + k_Po Delta phi_de) + dT dphi_e, eq. (38).
 
-        T and dT are those of phi_e.  The printed eq. (38) has dphi_d for ddphi_d (erratum).
+        The printed eq. (38) has dphi_d for ddphi_d (erratum).
         """
         sequence, (phi_d, phi_e, phi_de) = self.options.sequence, x_de
         dphi_d, dphi_e = sequence.rates(phi_d, omega_d), sequence.rates(phi_e, omega_e)  # (3)

@@ -51,9 +51,6 @@ class EulerParametersRepresentation(RelativeQuaternionRepresentation):
     def lyapunov_2(
         self, x_de: QuaternionDisplacement, omega_de: Array, k_Po: float, k_Vo: float
     ) -> Lyapunov:
-        """Return V_2 = k_Po V_1 + omega_de' omega_de / 2 and dV_2, eqs. (42), (43).
-
-        dV_2 = -k_Vo omega_de' omega_de.
-        """
+        """Return V_2 = k_Po V_1 + omega_de' omega_de / 2 and its derivative, eqs. (42), (43)."""
         omega_2 = float(omega_de @ omega_de)
         return Lyapunov(k_Po * self.lyapunov_1(x_de, k_Po).V + omega_2 / 2, -k_Vo * omega_2)

@@ -50,8 +50,7 @@ class RelativeEulerAnglesRepresentation(OrientationRepresentation):
     ) -> Array:
         """Return domega_d - dT_e dphi_de + T_e (k_Vo dphi_de + k_Po phi_de).
 
-        dphi_de = T_e^-1 (omega_d - omega_e), dT_e = S(omega_e) T_e + R_e dT(phi_de, dphi_de);
-        it gives ddphi_de + k_Vo dphi_de + k_Po phi_de = 0.
+        dphi_de = T_e^-1 (omega_d - omega_e), dT_e = S(omega_e) T_e + R_e dT(phi_de, dphi_de).
         """
         sequence, (phi_de, R_e) = self.options.sequence, x_de
         omega_de = omega_d - omega_e  # T_e dphi_de
@@ -94,11 +93,7 @@ class RelativeEulerAnglesRepresentation(OrientationRepresentation):
         return angles_spring(phi, R_d @ self.options.sequence.T(phi), K_o)
 
     def impedance(self, Z: Impedance) -> Impedance:
-        """Return T(0)' Z T(0): T(0) is I for XYZ only, else the stiffness would be turned.
-
-        Raises:
-            ConfigurationError: for sequences whose first and last axis are the same.
-        """
+        """Return T(0)' Z T(0): T(0) is I for XYZ only, else the stiffness would be turned."""
         sequence = self.options.sequence
         first, _, last = sequence.axes
         if first == last:

@@ -37,27 +37,18 @@ from eulerparams_control.laws.rotations import (
 
 
 class QuaternionDisplacement(NamedTuple):
-    """The mutual quaternion and its vector e.
+    """The mutual quaternion and its vector e."""
 
-    Attributes:
-        Q_de: {eta_de, eps_de_e} of R_e' R_d with the sign chosen, eps in the end-effector frame.
-        error: (3,) e in the base frame.
-        R_e: (3, 3).
-    """
-
-    Q_de: EulerParameters
-    error: Array
+    Q_de: EulerParameters  # {eta_de, eps_de_e} of R_e' R_d, eps in the end-effector frame
+    error: Array  # (3,) e in the base frame
     R_e: Array
 
 
 class RelativeQuaternionRepresentation(OrientationRepresentation):
-    """A representation whose impedance is (59) with an elastic moment of its own.
-
-    Attributes:
-        singular_errors: angles [rad] at which the law is singular, or its vector not unique.
-    """
+    """A representation whose impedance is (59) with an elastic moment of its own."""
 
     singular_errors: ClassVar[tuple[float, ...]]
+    """Angles [rad] at which the law is singular, or its vector not unique."""
 
     @abstractmethod
     def e(self, Q: EulerParameters) -> Array:
@@ -70,7 +61,7 @@ class RelativeQuaternionRepresentation(OrientationRepresentation):
     def displacement(
         self, R_d: Array, R_e: Array, previous: QuaternionDisplacement | None = None
     ) -> QuaternionDisplacement:
-        """Return {eta_de, eps_de_e} of R_e' R_d and e = R_e e_e, eq. (27)."""
+        """Return {eta_de, eps_de_e} and e = R_e e_e, eq. (27)."""
         Q_de = self.options.sign.mutual(R_e, R_d, previous and previous.Q_de)
         return QuaternionDisplacement(Q_de, R_e @ self.e(Q_de), R_e)
 
@@ -135,10 +126,7 @@ class RelativeQuaternionRepresentation(OrientationRepresentation):
         return min(largest)
 
     def lyapunov_3(self, R_cd: Array, x: Array, Z: Impedance, mu_d: Array) -> Lyapunov:
-        """Return V_3 = x' M_o x / 2 + elastic energy and dV_3 = -x' D_o x + mu^d' x.
-
-        Eqs. (68), (69), the latter with the power of the contact moment.
-        """
+        """Return V_3 = x' M_o x / 2 + energy, (68), and dV_3 = -x' D_o x + mu^d' x, (69)."""
         energy = self.elastic_energy(quaternion(R_cd), Z.K)
         return Lyapunov(float(x @ Z.M @ x) / 2 + energy, float(mu_d @ x - x @ Z.D @ x))
 

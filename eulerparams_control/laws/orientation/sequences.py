@@ -15,7 +15,7 @@ import numpy as np
 
 from eulerparams_control.errors import SingularityError, UnknownNameError
 from eulerparams_control.laws.jit import f8, i8, jit, matrix, new_matrix, new_vector, types, vector
-from eulerparams_control.laws.rotations import Array, cross, product, relative, solve, turn
+from eulerparams_control.laws.rotations import Array, cross, product, solve, turn
 
 SEQUENCES = (
     *("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"),
@@ -42,14 +42,12 @@ def R_axis(axis: int, angle: float) -> Array:
 
 
 @jit(new_matrix(i8, i8, i8, vector))
-def R_of(i: int, j: int, k: int, phi: Array) -> Array:
-    """Return R(phi), eq. (2)."""
+def _R_of(i: int, j: int, k: int, phi: Array) -> Array:
     return product(product(R_axis(i, phi[0]), R_axis(j, phi[1])), R_axis(k, phi[2]))
 
 
 @jit(new_matrix(i8, i8, i8, vector))
-def T_of(i: int, j: int, k: int, phi: Array) -> Array:
-    """Return T(phi) with omega = T dphi in the base frame, eq. (3)."""
+def _T_of(i: int, j: int, k: int, phi: Array) -> Array:
     R_i = R_axis(i, phi[0])
     T = np.zeros((3, 3))
     T[i, 0] = 1.0  # a_i
@@ -59,23 +57,16 @@ def T_of(i: int, j: int, k: int, phi: Array) -> Array:
 
 
 @jit(new_matrix(i8, i8, i8, vector, vector))
-def dT_of(i: int, j: int, k: int, phi: Array, dphi: Array) -> Array:
-    """Return the derivative of T [1/s] along the rates dphi [rad/s]."""
-    T, dT = T_of(i, j, k, phi), np.zeros((3, 3))
+def _dT_of(i: int, j: int, k: int, phi: Array, dphi: Array) -> Array:
+    T, dT = _T_of(i, j, k, phi), np.zeros((3, 3))
     omega_2 = dphi[0] * T[:, 0]
     dT[:, 1] = cross(omega_2, T[:, 1])
     dT[:, 2] = cross(omega_2 + dphi[1] * T[:, 1], T[:, 2])
     return dT
 
 
-@jit(new_vector(i8, i8, i8, vector, vector))
-def rates_of(i: int, j: int, k: int, phi: Array, omega: Array) -> Array:
-    """Return dphi = T(phi)^-1 omega [rad/s]; unbounded towards the pole, NaN at it."""
-    return solve(T_of(i, j, k, phi), omega)
-
-
 @jit(types.UniTuple(f8, 3)(i8, i8, i8, matrix))
-def pole_angles(i: int, j: int, k: int, R: Array) -> tuple[float, float, float]:
+def _pole_angles(i: int, j: int, k: int, R: Array) -> tuple[float, float, float]:
     """Return alpha and beta [rad], and the sine of the distance to the pole."""
     s, l = 1.0 if (j - i) % 3 == 1 else -1.0, 3 - i - j
     if i == k:
@@ -86,20 +77,19 @@ def pole_angles(i: int, j: int, k: int, R: Array) -> tuple[float, float, float]:
 
 
 @jit(new_vector(i8, i8, i8, matrix, f8))
-def extract_of(i: int, j: int, k: int, R: Array, gamma: float) -> Array:
+def _extract_of(i: int, j: int, k: int, R: Array, gamma: float) -> Array:
     """Return phi [rad] with R(phi) = R; at the pole, where alpha and gamma are not unique, gamma.
 
-    Else gamma follows from R and alpha: next to the pole its own entries and those of alpha are
-    rounding noise one by one, and R(phi) would not be R.
+    Else gamma follows from R and alpha: next to the pole, entries of R are rounding noise alone.
     """
     s, l = 1.0 if (j - i) % 3 == 1 else -1.0, 3 - i - j
-    alpha, beta, sine = pole_angles(i, j, k, R)
+    alpha, beta, sine = _pole_angles(i, j, k, R)
     phi = np.empty(3)
     if sine > 0.0:
         v = math.cos(alpha) * R[j] + (s * math.sin(alpha)) * R[l]  # row j of R_i(alpha)' R
         gamma = math.atan2(-s * v[l] if i == k else s * v[i], v[j])
     else:
-        R_i = product(R, relative(R_axis(k, gamma), R_axis(j, -beta)))
+        R_i = product(R, product(R_axis(k, -gamma), R_axis(j, -beta)))
         a, b = (i + 1) % 3, (i + 2) % 3
         alpha = math.atan2(R_i[b, a], R_i[a, a])
     phi[0], phi[1], phi[2] = alpha, beta, gamma
@@ -124,22 +114,19 @@ class EulerSequence:
 
     def R(self, phi: Array) -> Array:
         """Return R(phi) (3, 3) of the angles phi (3,) [rad], eq. (2)."""
-        return R_of(*self.axes, phi)
+        return _R_of(*self.axes, phi)
 
     def T(self, phi: Array) -> Array:
         """Return T(phi) (3, 3) with omega = T dphi in the base frame, eq. (3)."""
-        return T_of(*self.axes, phi)
+        return _T_of(*self.axes, phi)
 
     def dT(self, phi: Array, dphi: Array) -> Array:
         """Return the derivative of T (3, 3) [1/s] along the rates dphi (3,) [rad/s]."""
-        return dT_of(*self.axes, phi, dphi)
+        return _dT_of(*self.axes, phi, dphi)
 
     def rates(self, phi: Array, omega: Array) -> Array:
-        """Return dphi = T(phi)^-1 omega (3,) [rad/s], unbounded towards the pole.
-
-        Raises SingularityError where T is exactly singular.
-        """
-        dphi = rates_of(*self.axes, phi, omega)
+        """Return dphi = T(phi)^-1 omega (3,) [rad/s]; raises SingularityError at the pole."""
+        dphi = solve(self.T(phi), omega)
         if math.isnan(dphi[0]):
             raise SingularityError(self.singularity)
         return dphi
@@ -159,8 +146,8 @@ class EulerSequence:
 
     def extract(self, R: Array, previous: Array | None = None) -> Array:
         """Return phi (3,) [rad] with R(phi) = R; at the pole gamma is the previous one, or 0."""
-        return extract_of(*self.axes, R, 0.0 if previous is None else previous[2])
+        return _extract_of(*self.axes, R, 0.0 if previous is None else previous[2])
 
     def pole_distance(self, R: Array) -> float:
         """Return the angle [rad] in [0, pi/2] from R (3, 3) to the nearest pole of T."""
-        return math.asin(min(1.0, pole_angles(*self.axes, R)[2]))
+        return math.asin(min(1.0, _pole_angles(*self.axes, R)[2]))

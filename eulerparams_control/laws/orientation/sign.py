@@ -14,14 +14,8 @@ that a small error can then look like a turn of almost 360 deg.
 from dataclasses import dataclass
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
-from eulerparams_control.laws.rotations import (
-    Array,
-    EulerParameters,
-    dot,
-    mutual,
-    mutual_R,
-    quaternion,
-)
+from eulerparams_control.laws.jit import Array
+from eulerparams_control.laws.rotations import EulerParameters, dot, mutual, mutual_R, quaternion
 
 SIGNS = ("shortest", "hysteretic", "continuous")
 SEPARATE = "separate"
@@ -29,17 +23,11 @@ SEPARATE = "separate"
 
 @dataclass(frozen=True)
 class SignRule:
-    """How the sign of the mutual quaternion follows from its predecessor.
-
-    Args:
-        name: one of ``SIGNS``, or ``SEPARATE``.
-        delta: hysteresis in eta, in [0, 1); theta flips beyond 2 acos(-delta).
-        initial: sign of eta at the first sample, 1; or -1, with ``continuous`` only.
-    """
+    """How the sign of the mutual quaternion follows from its predecessor."""
 
     name: str = "hysteretic"
-    delta: float = 0.2
-    initial: int = 1
+    delta: float = 0.2  # hysteresis in eta, in [0, 1); theta flips beyond 2 acos(-delta)
+    initial: int = 1  # sign of eta at the first sample
 
     def __post_init__(self) -> None:
         if self.name not in (*SIGNS, SEPARATE):
