@@ -9,7 +9,7 @@ from representations import OF_THE_QUATERNION, every_representation, make
 from samples import generator, positive_definite, uniform
 
 from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFrame
-from eulerparams_control.laws.impedance_change import impedance_between
+from eulerparams_control.laws.impedance_change import between
 from eulerparams_control.laws.impedance_matrices import Impedance, damping_of_ratio
 from eulerparams_control.laws.rotations import exp
 from eulerparams_control.motion.frames import DesiredFrame
@@ -110,11 +110,11 @@ def test_on_the_way_all_matrices_stay_positive_and_the_damping_ratio_is_kept(s):
     matrices = iter(positive_definite(300, key=8, least=1e-3, most=50.0))
     for U in uniform(50):
         ends = [Impedance(*(next(matrices) for _ in range(3))) for _ in range(2)]
-        there = impedance_between(*ends, s)  # refuses what is not
+        there = Impedance(*between(s, *ends))  # refuses what is not
         assert min(np.linalg.eigvalsh(Z).min() for Z in (there.M, there.D, there.K)) > 0
         M, *stiffness = (U @ np.diag(Z.K.diagonal()) @ U.T for Z in (there, *ends))
         ends = [Impedance(M, damping_of_ratio(M, K, 0.7), K) for K in stiffness]
-        there = impedance_between(*ends, s)
+        there = Impedance(*between(s, *ends))
         np.testing.assert_allclose(there.D, damping_of_ratio(M, there.K, 0.7), atol=1e-9)
         np.testing.assert_allclose(there.M, M, atol=1e-12)
         if s in (0.0, 1.0):

@@ -24,12 +24,8 @@ def bounded(
 ) -> DesiredFrame:
     """Return the compliant frame within the bounds; itself where it is.
 
-    Args:
-        frame: the compliant frame as the impedance has it now.
-        desired: the desired frame now.
-        before, desired_before: both dt ago.
-        dt: positive [s].
-        bounds: X [m], X [rad], of pi or more for none, and the largest |v|.
+    Both frames were ``before`` dt > 0 [s] ago.  The bounds are X [m], X [rad], of pi or more for
+    none, and the largest |v|.
     """
     p_c, R_c, dp_c, omega_c, ddp_c, domega_c = frame
     position, rotation, speed = bounds
