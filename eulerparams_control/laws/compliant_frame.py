@@ -17,13 +17,13 @@ from functools import cached_property
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
-from eulerparams_control.laws.compliance_bounds import bounded
 from eulerparams_control.laws.impedance_change import between, later
 from eulerparams_control.laws.impedance_matrices import Impedance, Matrices
 from eulerparams_control.laws.jit import b1, f8, i8, jit, matrix, new_vector, vector
+from eulerparams_control.laws.limits import POSITION_RATE
 from eulerparams_control.laws.orientation import OrientationRepresentation
-from eulerparams_control.laws.rotations import Array, cross, dot, exp, inverse, turn
-from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement, jumped
+from eulerparams_control.laws.rotations import Array, cross, dot, exp, inverse, log, norm, turn
+from eulerparams_control.motion.frames import DesiredFrame, jumped
 
 TRANSLATIONAL_FRAMES = ("base", "desired")
 
@@ -107,7 +107,7 @@ class ComplianceLaw:
 
     Attributes:
         frame: whose axes M_p, D_p and K_p refer to, "base" or "desired".
-        bounds: [m], [rad], [m/s, rad/s] of the displacement and its speed, see :func:`bounded`.
+        bounds: [m], [rad], [m/s, rad/s] of the displacement and its speed; pi or more is no bound.
         max_rate: [1/s] of the faster impedance.
 
     Raises:
@@ -188,40 +188,26 @@ class CompliantFrame:
         """Forget the state; a change is done, and its tank full."""
         self.changed, self.energy_left = 1.0, self.tank
         self.now: DesiredFrame | None = None
-        self._wrench: Array | None = None  # of the last step
-        self._forget()
-
-    def _forget(self) -> None:
-        """Let the next step begin from the compliant frame alone."""
-        self._desired: DesiredFrame | None = None  # of the last step
+        # of the last step, as far as the next one begins from more than the compliant frame:
+        self._desired: DesiredFrame | None = None
+        self._wrench: Array | None = None
         self._state: State | None = None
 
-    def replace_law(
-        self, law: ComplianceLaw, moved: tuple[Placement, Placement] = (AT_ORIGIN, AT_ORIGIN)
-    ) -> None:
-        """Go on with other equations from the same frame and velocities.
+    def change(self, law: ComplianceLaw) -> None:
+        """Go on by another law from the same frame and velocities.
 
-        ``moved`` leads, one after the other, from the centre of compliance to another.
+        The impedance changes smoothly, and as far as there is energy for it.
         """
-        self.law, self.changed = law, 1.0
-        self._forget()
-        if self.now is not None:
-            self.now = self.now.carrying(moved[0]).carrying(moved[1])
-
-    def change_impedance(self, law: ComplianceLaw) -> None:
-        """Go over to another impedance, smoothly, and as far as there is energy for it.
-
-        The representation and the translational frame of ``law`` are the same.
-        """
-        before = self.law_now
+        before = replace(
+            self.law_now, orientation=law.orientation, frame=law.frame, bounds=law.bounds
+        )
         old, new = ([Z.values for Z in one.impedances] for one in (before, law))
-        if self.now is None or np.array_equal(old, new):
-            self.replace_law(law)
-        else:
-            self.law, self._before, self.changed = law, before, 0.0
+        is_done = self.now is None or np.array_equal(old, new)
+        self.law, self._before, self.changed = law, before, 1.0 if is_done else 0.0
+        self._state = None
 
-    def begin(self, desired: DesiredFrame, frame: DesiredFrame) -> None:
-        """Set the compliant frame and its velocities."""
+    def begin(self, desired: DesiredFrame | None, frame: DesiredFrame) -> None:
+        """Set the compliant frame and its velocities, and the desired one, if that is known."""
         self.now, self._desired, self._state = frame, desired, None
 
     def rearrange(self) -> None:
@@ -236,8 +222,7 @@ class CompliantFrame:
         v, w = left * dp, left * omega
         R_c = exp(gone * omega) @ R
         self.now = DesiredFrame(p + gone * dp, R_c, v, w, (-1.0 / T) * v, (-1.0 / T) * w)
-        self._wrench = None
-        self._forget()
+        self._desired = self._wrench = self._state = None
         return self.now
 
     def step(
@@ -279,7 +264,7 @@ class CompliantFrame:
         state = s, y, f, u
         now = driven = self._absolute(state, desired, Z_p, Z_o)
         if dt > 0.0:
-            now = bounded(driven, desired, start, before, dt, law.bounds)
+            now = _bounded(driven, desired, start, before, dt, law.bounds)
         if not _are_finite(*now, u):
             raise SingularityError(law.orientation.singularity)
         self._state = state if now is driven else None
@@ -342,8 +327,7 @@ class CompliantFrame:
             turning = cross(omega_d, x)
             ddx = ddx + cross(domega_d, x) + cross(omega_d, turning + 2.0 * dx)
             dx = dx + turning
-        rotation = orientation.compliant_rotation(y, dy, u, R_d, omega_d, domega_d)
-        R_c, omega_c, domega_c = rotation
+        R_c, omega_c, domega_c = orientation.compliant_rotation(y, dy, u, R_d, omega_d, domega_d)
         return DesiredFrame(p_d + x, R_c, dp_d + dx, omega_c, ddp_d + ddx, domega_c)
 
     # --- changes of the impedance -------------------------------------------------------------
@@ -387,3 +371,60 @@ class CompliantFrame:
         if not more <= left:  # or it is not finite
             after, more = before, 0.0
         self.changed, self.energy_left = after, min(self.tank, left - more)  # (IC5)
+
+
+# --- bounds -----------------------------------------------------------------------------------
+
+
+def _bounded(
+    frame: DesiredFrame,
+    desired: DesiredFrame,
+    before: DesiredFrame,
+    desired_before: DesiredFrame,
+    dt: float,
+    bounds: tuple[float, float, float],
+) -> DesiredFrame:
+    """Return the compliant frame within the bounds; itself where it is.
+
+    Towards the bound X of the displacement x (3,) [m] or [rad] the velocity v relative to the
+    desired frame is at most r (X - |x|): X is reached without overshoot, and v is continuous.
+    """
+    p_c, R_c, dp_c, omega_c, ddp_c, domega_c = frame
+    position, rotation, speed = bounds
+    rotation = rotation if rotation < math.pi else math.inf
+    x, v, v_0 = p_c - desired.p_d, dp_c - desired.dp_d, before.dp_d - desired_before.dp_d
+    is_slower = _bound(x, v, v_0, position, speed, dt)
+    if is_slower:
+        dp_c = desired.dp_d + v
+        p_c = before.p_d + (dt / 2.0) * (before.dp_d + dp_c)
+        ddp_c = (dp_c - before.dp_d) / dt
+    x, v = log(R_c @ desired.R_d.T), omega_c - desired.omega_d
+    v_0 = before.omega_d - desired_before.omega_d
+    turns_slower = _bound(x, v, v_0, rotation, speed, dt)
+    if turns_slower:
+        omega_c = desired.omega_d + v
+        R_c = exp((dt / 2.0) * (before.omega_d + omega_c)) @ before.R_d
+        domega_c = (omega_c - before.omega_d) / dt
+    if not (is_slower or turns_slower):
+        return frame
+    return DesiredFrame(p_c, R_c, dp_c, omega_c, ddp_c, domega_c)
+
+
+@jit(b1(vector, new_vector, vector, f8, f8, f8))
+def _bound(x: Array, v: Array, v_before: Array, most: float, speed: float, dt: float) -> bool:
+    """Bound the velocity v at the displacement x, in place; return whether it was beyond."""
+    rate = min(POSITION_RATE, 1.0 / dt)
+    slower = rate * speed * dt  # by no more, where a bound was lowered
+    size, distance = norm(v), norm(x)
+    fastest = max(speed, norm(v_before) - slower)
+    is_beyond = size > fastest
+    if is_beyond:
+        v *= fastest / size
+    if distance > 0.0:
+        away = x / distance
+        allowed = max(rate * (most - distance), max(-speed, dot(v_before, away) - slower))
+        excess = dot(v, away) - allowed
+        if excess > 0.0:
+            v -= excess * away
+            is_beyond = True
+    return is_beyond

@@ -8,7 +8,6 @@ Notation: ``w`` = (f, mu) (6,) [N, Nm] contact wrench of the environment on the 
 of the end effector on the environment, minus that; base frame, about the tip.
 """
 
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -75,11 +74,8 @@ class ImpedanceControl(Scheme):
     ) -> None:
         self.robot, self.parameters = robot, parameters
         self.law, self.centre = parameters.compliance_law(), parameters.centre(robot)
-        self.motion: DynamicControl | NoMotionLoop = (
-            DynamicControl(robot, parameters)
-            if parameters.commands_joints
-            else NoMotionLoop(robot, parameters)
-        )
+        loop = DynamicControl if parameters.commands_joints else NoMotionLoop
+        self.motion: DynamicControl | NoMotionLoop = loop(robot, parameters)
         self.chain = chain or WrenchChain(robot, parameters)
         self.chain.change(parameters)
         self.compliant = CompliantFrame(self.law, parameters.stiffness_energy)
@@ -130,16 +126,15 @@ class ImpedanceControl(Scheme):
         Raises ConfigurationError if they are impossible, or force_axes change while a force acts.
         """
         law, centre = parameters.compliance_law(), parameters.centre(self.robot)
-        now = self.compliant.law_now
-        kept = replace(now, orientation=law.orientation, frame=law.frame, bounds=law.bounds)
         is_same = np.array_equal(parameters.force_selection(), self.force.selection)
         if self.force.is_on and not is_same:
             raise ConfigurationError("force_axes cannot change while target_wrench is followed")
         self.motion.change(parameters)
         self.loop_rate = self.motion.loop_rate
-        self.compliant.replace_law(kept, (self.centre.inverse, centre))
         self.compliant.tank = parameters.stiffness_energy
-        self.compliant.change_impedance(law)
+        self.compliant.change(law)
+        if (frame := self.compliant.now) is not None:
+            self.compliant.begin(None, frame.carrying(self.centre.inverse).carrying(centre))
         if law.orientation != self.law.orientation:
             self._x_de = None  # it means nothing to another representation
         self.parameters, self.law, self.centre = parameters, law, centre
@@ -151,7 +146,7 @@ class ImpedanceControl(Scheme):
 
     def change_impedance(self, law: ComplianceLaw) -> None:
         """Go over to another impedance, of the same representation, frame and bounds."""
-        self.compliant.change_impedance(law.damped(self.damping))
+        self.compliant.change(law.damped(self.damping))
         self.contact.expect_changes()
         self.law = law
 
@@ -255,11 +250,9 @@ class ImpedanceControl(Scheme):
             h = h + shifted(AT_ORIGIN.R, arm.R_e @ self.centre.p, ahead)
         # the compliant frame is desired by the motion loop (49)-(51), which compensates h, (48)
         followed = self.motion.follow(dt, state, compliant, h)
-        wrench = None if self.is_frozen else w
-        force = None if wrench is None else w[:3]
+        wrench, force = (None, None) if self.is_frozen else (w, w[:3])
         self.motion.note_contact(dt, arm, desired, force, self.force.is_on)
-        # x_de is of the tip from the desired frame, not from the compliant one
-        self._x_de = x_de
+        self._x_de = x_de  # of the tip from the desired frame, not from the compliant one
         command = followed.command._replace(frame=compliant)
         return Tick(command, desired, arm, x_de, followed.saturated, followed.excess, wrench)
 
@@ -315,7 +308,7 @@ class ImpedanceControl(Scheme):
         if times > _CALMEST:
             raise ConfigurationError(f"at most {_CALMEST:g} times")
         if times != self.damping:
-            self.compliant.change_impedance(self.law.damped(times))
+            self.compliant.change(self.law.damped(times))
             self.damping, self._free = times, 0.0
 
     def _comply(self, dt: float, arm: RobotState, desired: DesiredFrame, w: Array) -> DesiredFrame:
