@@ -9,7 +9,7 @@ from representations import OF_THE_QUATERNION, every_representation, make
 from samples import generator, positive_definite, uniform
 
 from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFrame
-from eulerparams_control.laws.impedance_change import impedance_between
+from eulerparams_control.laws.impedance_change import between
 from eulerparams_control.laws.impedance_matrices import Impedance, damping_of_ratio
 from eulerparams_control.laws.rotations import exp
 from eulerparams_control.motion.frames import DesiredFrame
@@ -68,7 +68,7 @@ def test_a_stiffness_that_swings_in_contact_gives_no_more_than_the_tank(name, fr
         share = (1 - math.cos(2 * math.pi * 2 * k * DT)) / 2
         if k % 20 == 0:
             K_p, K_o, M_p = 100 + 4900 * share, 5 + 195 * share, 10 + 5 * math.sin(9 * k * DT)
-            compliant.change_impedance(law(K_p, K_o, M_p, name, frame))
+            compliant.change(law(K_p, K_o, M_p, name, frame))
         wrench, before = push + random.normal(size=6) * [3, 3, 3, 0.3, 0.3, 0.3], compliant.now
         c = compliant.step(DT, DESIRED, wrench)
         mean, last = (last + wrench) / 2, wrench  # it goes linearly from sample to sample
@@ -83,7 +83,7 @@ def test_a_stiffness_that_swings_in_contact_gives_no_more_than_the_tank(name, fr
 def test_a_change_waits_where_the_tank_is_empty_and_goes_on_where_it_is_led_back(name):
     push = [10.0, 0.0, 0.0, 0.0, 0.0, 1.0]  # 10 cm on 100 N/m: 25 J at 5000 N/m
     compliant = pressed(law(100.0, name=name), push, TANK)
-    compliant.change_impedance(law(5000.0, name=name))
+    compliant.change(law(5000.0, name=name))
     frames = go(compliant, push, 0.3)
     assert compliant.waits
     assert 0.0 < compliant.changed < 0.3
@@ -99,7 +99,7 @@ def test_a_change_waits_where_the_tank_is_empty_and_goes_on_where_it_is_led_back
 
 def test_without_a_displacement_a_change_is_done_soon_and_needs_nothing():
     compliant = pressed(law(100.0), np.zeros(6), 0.0)
-    compliant.change_impedance(law(5000.0))
+    compliant.change(law(5000.0))
     assert all(np.array_equal(frame.p_d, O) for frame in go(compliant, np.zeros(6), 1.0))
     assert compliant.changed == 1.0
 
@@ -110,11 +110,11 @@ def test_on_the_way_all_matrices_stay_positive_and_the_damping_ratio_is_kept(s):
     matrices = iter(positive_definite(300, key=8, least=1e-3, most=50.0))
     for U in uniform(50):
         ends = [Impedance(*(next(matrices) for _ in range(3))) for _ in range(2)]
-        there = impedance_between(*ends, s)  # refuses what is not
+        there = Impedance(*between(s, *ends))  # refuses what is not
         assert min(np.linalg.eigvalsh(Z).min() for Z in (there.M, there.D, there.K)) > 0
         M, *stiffness = (U @ np.diag(Z.K.diagonal()) @ U.T for Z in (there, *ends))
         ends = [Impedance(M, damping_of_ratio(M, K, 0.7), K) for K in stiffness]
-        there = impedance_between(*ends, s)
+        there = Impedance(*between(s, *ends))
         np.testing.assert_allclose(there.D, damping_of_ratio(M, there.K, 0.7), atol=1e-9)
         np.testing.assert_allclose(there.M, M, atol=1e-12)
         if s in (0.0, 1.0):
@@ -134,7 +134,7 @@ def test_a_change_of_mass_and_damping_stays_stable_and_has_a_law_at_each_instant
     push, compliant = [5.0, 0.0, 0.0, 0.0, 0.0, 1.0], CompliantFrame(laws[0])
     frames = go(compliant, push, 1.0, dt)
     for law in (*laws[::-1], laws[1]):
-        compliant.change_impedance(law)
+        compliant.change(law)
         for _ in range(20):
             frames += go(compliant, push, dt, dt)
             assert compliant.law_now.rate <= 2.0 * max(law.rate for law in laws)  # (IC3)
@@ -145,7 +145,7 @@ def test_a_change_of_mass_and_damping_stays_stable_and_has_a_law_at_each_instant
 def test_what_acts_on_the_way_is_what_the_law_of_now_says(name):
     push = np.array([3.0, 2.0, 1.0, 0.3, 0.2, 0.1])
     compliant = pressed(law(300.0, 10.0, name=name), push)
-    compliant.change_impedance(law(900.0, 30.0, M_p=5.0, name=name))
+    compliant.change(law(900.0, 30.0, M_p=5.0, name=name))
     frame = go(compliant, push, 0.06)[-1]
     assert 0.5 < compliant.changed < 0.9
     other = CompliantFrame(compliant.law_now)

@@ -10,28 +10,25 @@ on the end effector, about the origin of the frames; base frame if not said othe
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
-from eulerparams_control.laws.compliance_bounds import bounded
-from eulerparams_control.laws.impedance_change import between, dip_of, impedance_between, later
+from eulerparams_control.laws.impedance_change import between, later
 from eulerparams_control.laws.impedance_matrices import Impedance, Matrices
 from eulerparams_control.laws.jit import b1, f8, i8, jit, matrix, new_vector, vector
+from eulerparams_control.laws.limits import POSITION_RATE
 from eulerparams_control.laws.orientation import OrientationRepresentation
-from eulerparams_control.laws.rotations import Array, cross, dot, exp, inverse, turn
-from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement, jumped
+from eulerparams_control.laws.rotations import Array, cross, dot, exp, inverse, log, norm, turn
+from eulerparams_control.motion.frames import DesiredFrame, jumped
 
 TRANSLATIONAL_FRAMES = ("base", "desired")
 
 # The faster of both impedances [1/s]: beyond it a step at 1 kHz would have to be split too often.
 MAX_RATE = 1000.0
-
-# The same on the way from one impedance to another, (IC3).
-_ON_THE_WAY = 2.0 * MAX_RATE
 
 # Product of rate and step that Runge-Kutta's method integrates well.
 _STEP = 0.5
@@ -45,9 +42,6 @@ STOP_TIME = 0.05
 # A tank with no more than this part of its most is empty.
 _EMPTY = 0.01
 
-_NOT_FINITE = "the motion of the compliant frame is not finite"
-
-
 type State = tuple[Array, Array, Array, Array]
 """s, y and what drives them: f in the axes of x, u as the representation takes it."""
 
@@ -55,13 +49,9 @@ type State = tuple[Array, Array, Array, Array]
 def impedance_rates(
     state: State, orientation: OrientationRepresentation, Z_p: Matrices, Z_o: Matrices
 ) -> tuple[Array, Array]:
-    """Return ds and dy of the impedance equations (52) and (55) or (59).
+    """Return ds and dy of the impedance equations (52), and (55) or (59).
 
-    Args:
-        state: the displacement of the compliant from the desired frame, and the contact.
-        orientation: (55) with Euler angles, (59) with Euler parameters, or another.
-        Z_p: M_p^-1, D_p, K_p.
-        Z_o: M_o^-1, D_o, K_o in the coordinates of the representation.
+    Z_p and Z_o are M^-1, D, K, the latter in the coordinates of the representation.
     """
     s, y, f, u = state
     ds = translational_rate(s, f, *Z_p)  # (52)
@@ -80,7 +70,7 @@ def translational_rate(s: Array, f: Array, M_inverse: Array, D: Array, K: Array)
 
 @jit(new_vector(vector, vector, vector, vector, vector, f8))
 def _stepped(y: Array, k_1: Array, k_2: Array, k_3: Array, k_4: Array, h: float) -> Array:
-    """Return y after a step of order 4 (Runge, Kutta) with its four rates."""
+    """Return y after a step of order 4 (Runge, Kutta)."""
     return y + (h / 6.0) * (k_1 + 2.0 * (k_2 + k_3) + k_4)
 
 
@@ -104,7 +94,7 @@ def translated(
 def _are_finite(
     p: Array, R: Array, dp: Array, omega: Array, ddp: Array, domega: Array, w: Array
 ) -> bool:
-    """Return whether the squares of all numbers of a frame and of a vector w are finite."""
+    """Return whether the squares of all numbers are finite."""
     squares = (R * R).sum() + (w * w).sum()
     for v in (p, dp, omega, ddp, domega):
         squares += dot(v, v)
@@ -116,10 +106,8 @@ class ComplianceLaw:
     """The impedance equations (52) and (55), (59) with their parameters.
 
     Attributes:
-        orientation: the representation of the rotational displacement.
-        translation, rotation: M_p, D_p, K_p and M_o, D_o, K_o.
         frame: whose axes M_p, D_p and K_p refer to, "base" or "desired".
-        bounds: [m], [rad], [m/s, rad/s] of the displacement and its speed, see :func:`bounded`.
+        bounds: [m], [rad], [m/s, rad/s] of the displacement and its speed; pi or more is no bound.
         max_rate: [1/s] of the faster impedance.
 
     Raises:
@@ -145,9 +133,9 @@ class ComplianceLaw:
                 )
 
     @cached_property
-    def matrices(self) -> tuple[Matrices, Matrices]:
-        """Z_p and Z_o, this in the coordinates of the representation."""
-        return self.translation.values, self.orientation.impedance(self.rotation).values
+    def impedances(self) -> tuple[Impedance, Impedance]:
+        """That of the translation, and that of the rotation in the coordinates of its state."""
+        return self.translation, self.orientation.impedance(self.rotation)
 
     @cached_property
     def rate(self) -> float:
@@ -164,12 +152,6 @@ class ComplianceLaw:
         K = self.translation.K
         return K if self.frame == "base" else R_d @ K @ R_d.T
 
-    def is_like(self, other: "ComplianceLaw") -> bool:
-        """Whether both have the same equations, numbers and bounds."""
-        rest = (self.orientation, self.frame, self.bounds)
-        is_same = rest == (other.orientation, other.frame, other.bounds)
-        return is_same and np.array_equal(self.matrices, other.matrices)
-
 
 class CompliantFrame:
     """The compliant frame with its state, relative to the desired frame.
@@ -177,16 +159,14 @@ class CompliantFrame:
     Attributes:
         law: the equations; those that a change leads to while one is under way.
         changed: how far a change of the impedance is, s from 0 to 1.
-        energy_left: the energy [J] that changes of the impedance may add, beside what the damping
-            takes.
+        energy_left: [J] that changes of the impedance may add, beside what the damping takes, up
+            to ``tank``.
         now: the compliant frame of the last step; None before the first.
     """
 
-    energy_left: float
-
     def __init__(self, law: ComplianceLaw, tank: float = math.inf) -> None:
         self.law = self._before = law
-        self._dips, self._most_energy = [np.zeros((3, 3))] * 2, tank
+        self.tank = tank
         self.reset()
 
     @property
@@ -195,60 +175,39 @@ class CompliantFrame:
         s, before, law = self.changed, self._before, self.law
         if s == 1.0:
             return law
-        translation = impedance_between(before.translation, law.translation, s)
-        rotation = impedance_between(before.rotation, law.rotation, s)
-        return replace(law, translation=translation, rotation=rotation, max_rate=_ON_THE_WAY)
+        Z_p = Impedance(*between(s, before.translation, law.translation))
+        Z_o = Impedance(*between(s, before.rotation, law.rotation))
+        return replace(law, translation=Z_p, rotation=Z_o, max_rate=2.0 * MAX_RATE)
 
     @property
     def waits(self) -> bool:
         """Whether a change of the impedance waits for energy."""
-        return self.changed < 1.0 and self.energy_left <= _EMPTY * self._most_energy
-
-    def limit_energy(self, tank: float) -> None:
-        """Bound ``energy_left`` from now on; what is there stays, as far as it fits."""
-        if tank < self._most_energy:
-            self.energy_left = min(self.energy_left, tank)
-        self._most_energy = tank
+        return self.changed < 1.0 and self.energy_left <= _EMPTY * self.tank
 
     def reset(self) -> None:
         """Forget the state; a change is done, and its tank full."""
-        self.changed, self.energy_left = 1.0, self._most_energy
+        self.changed, self.energy_left = 1.0, self.tank
         self.now: DesiredFrame | None = None
-        self._wrench: Array | None = None  # of the last step
-        self._forget()
-
-    def _forget(self) -> None:
-        """Let the next step begin from the compliant frame alone."""
-        self._desired: DesiredFrame | None = None  # of the last step
+        # of the last step, as far as the next one begins from more than the compliant frame:
+        self._desired: DesiredFrame | None = None
+        self._wrench: Array | None = None
         self._state: State | None = None
 
-    def replace_law(
-        self, law: ComplianceLaw, moved: tuple[Placement, Placement] = (AT_ORIGIN, AT_ORIGIN)
-    ) -> None:
-        """Go on with other equations from the same frame and velocities.
+    def change(self, law: ComplianceLaw) -> None:
+        """Go on by another law from the same frame and velocities.
 
-        ``moved`` leads, one after the other, from the centre of compliance to another.
+        The impedance changes smoothly, and as far as there is energy for it.
         """
-        self.law, self.changed = law, 1.0
-        self._forget()
-        if self.now is not None:
-            self.now = self.now.carrying(moved[0]).carrying(moved[1])
+        before = replace(
+            self.law_now, orientation=law.orientation, frame=law.frame, bounds=law.bounds
+        )
+        old, new = ([Z.values for Z in one.impedances] for one in (before, law))
+        is_done = self.now is None or np.array_equal(old, new)
+        self.law, self._before, self.changed = law, before, 1.0 if is_done else 0.0
+        self._state = None
 
-    def change_impedance(self, law: ComplianceLaw) -> None:
-        """Go over to another impedance, smoothly, and as far as there is energy for it.
-
-        The representation and the translational frame of ``law`` are the same.
-        """
-        before = self.law_now
-        if self.now is None or before.is_like(law):
-            self.replace_law(law)
-            return
-        pairs = zip(before.matrices, law.matrices, strict=True)
-        self._dips = [dip_of(Z_0.K, Z_1.K) for Z_0, Z_1 in pairs]
-        self.law, self._before, self.changed = law, before, 0.0
-
-    def begin(self, desired: DesiredFrame, frame: DesiredFrame) -> None:
-        """Set the compliant frame and its velocities."""
+    def begin(self, desired: DesiredFrame | None, frame: DesiredFrame) -> None:
+        """Set the compliant frame and its velocities, and the desired one, if that is known."""
         self.now, self._desired, self._state = frame, desired, None
 
     def rearrange(self) -> None:
@@ -256,18 +215,14 @@ class CompliantFrame:
         self._state = self._wrench = None
 
     def freeze(self, dt: float, actual: DesiredFrame, T: float = STOP_TIME) -> DesiredFrame:
-        """Return the compliant frame dt [s] after the last, on its way to rest, of time constant T.
-
-        Without a last one it begins at the pose of ``actual``.
-        """
+        """Return the frame dt [s] later, coming to rest from the last, or at that of ``actual``."""
         p, R, dp, omega, _, _ = actual.at_rest() if self.now is None else self.now
         left = math.exp(-dt / T)
         gone = T * (1.0 - left)  # the way [s] of a velocity that decays
         v, w = left * dp, left * omega
         R_c = exp(gone * omega) @ R
         self.now = DesiredFrame(p + gone * dp, R_c, v, w, (-1.0 / T) * v, (-1.0 / T) * w)
-        self._wrench = None
-        self._forget()
+        self._desired = self._wrench = self._state = None
         return self.now
 
     def step(
@@ -281,16 +236,13 @@ class CompliantFrame:
         """Return the compliant frame dt [s] after the last, with velocities and accelerations.
 
         Args:
-            dt, desired: 0 or more; the desired frame now.
-            wrench: (6,) f, mu now, base frame.
-            freed: what becomes of M_p^-1, D_p, K_p; None: nothing.
-            rate: [1/s] of what they become then.
+            dt: 0 or more.
+            desired, wrench: now; the latter (6,) f, mu in the base frame.
+            freed: what changes M_p^-1, D_p, K_p, to the rate [1/s].
 
         Raises:
             SingularityError: if the representation has no finite answer.
         """
-        if not _are_finite(*desired, wrench):
-            raise SingularityError(_NOT_FINITE)
         law, (start, before) = self.law, self._origin(dt, desired)
         Z_p, Z_o, own_rate = self._matrices(dt)
         if freed is not None:
@@ -308,11 +260,11 @@ class CompliantFrame:
             s = translated(s, f_0, f, dt, n, *Z_p)
             y = self._turned(y, u_0, u, dt, n, Z_o)
             if not math.isfinite(s @ s + y @ y):
-                raise SingularityError(_NOT_FINITE)
+                raise SingularityError("the motion of the compliant frame is not finite")
         state = s, y, f, u
         now = driven = self._absolute(state, desired, Z_p, Z_o)
         if dt > 0.0:
-            now = bounded(driven, desired, start, before, dt, law.bounds)
+            now = _bounded(driven, desired, start, before, dt, law.bounds)
         if not _are_finite(*now, u):
             raise SingularityError(law.orientation.singularity)
         self._state = state if now is driven else None
@@ -356,7 +308,7 @@ class CompliantFrame:
     def _driven(
         self, desired: DesiredFrame, wrench: Array, u_0: Array | None
     ) -> tuple[Array, Array]:
-        """Return f, u of a wrench; ``u_0`` is that of the last step."""
+        """Return f, u of a wrench, after ``u_0`` of the last step."""
         f, mu, R_d = wrench[:3], wrench[3:], desired.R_d
         if self.law.frame != "base":
             f = R_d.T @ f
@@ -375,47 +327,104 @@ class CompliantFrame:
             turning = cross(omega_d, x)
             ddx = ddx + cross(domega_d, x) + cross(omega_d, turning + 2.0 * dx)
             dx = dx + turning
-        rotation = orientation.compliant_rotation(y, dy, u, R_d, omega_d, domega_d)
-        R_c, omega_c, domega_c = rotation
+        R_c, omega_c, domega_c = orientation.compliant_rotation(y, dy, u, R_d, omega_d, domega_d)
         return DesiredFrame(p_d + x, R_c, dp_d + dx, omega_c, ddp_d + ddx, domega_c)
 
     # --- changes of the impedance -------------------------------------------------------------
 
     def _matrices(self, dt: float) -> tuple[Matrices, Matrices, float]:
         """Return Z_p, Z_o and their rate [1/s], dt [s] after the last step."""
-        is_refilled = self.changed == 1.0 and self.energy_left >= self._most_energy
-        if not is_refilled and self.now is not None and self._desired is not None:
+        is_over = self.changed == 1.0 and self.energy_left == self.tank
+        if not is_over and self.now is not None and self._desired is not None:
             self._go_on(dt, self.now, self._desired)
+        law, before = self.law, self._before
         if self.changed == 1.0:
-            return *self.law.matrices, self.law.rate
-        return *self._changed_to(self.changed), 2.0 * max(self.law.rate, self._before.rate)  # (IC3)
+            Z_p, Z_o = law.impedances
+            return Z_p.values, Z_o.values, law.rate
+        (M_p, D_p, K_p), (M_o, D_o, K_o) = self._changed_to(self.changed)
+        rate = 2.0 * max(law.rate, before.rate)  # (IC3)
+        return Matrices(inverse(M_p), D_p, K_p), Matrices(inverse(M_o), D_o, K_o), rate
 
-    def _changed_to(self, s: float) -> tuple[Matrices, Matrices]:
-        """Return the matrices of a change that is at s."""
-        Z_p, Z_o = map(between, (s, s), self._before.matrices, self.law.matrices, self._dips)
-        return Z_p, Z_o
+    def _changed_to(self, s: float) -> Iterable[tuple[Array, Array, Array]]:
+        """Return M, D, K of both impedances where a change is at s."""
+        return map(between, (s, s), self._before.impedances, self.law.impedances)
 
     def _go_on(self, dt: float, now: DesiredFrame, desired: DesiredFrame) -> None:
         """Let the change go on by dt [s], as far as there is energy for it, (IC1), (IC5)."""
         s, y = self._relative(desired, now)
         x, dx, dy = s[:3], s[3:], y[-3:]
 
-        def energy(Z_p: Matrices, Z_o: Matrices) -> float:
-            """Return the energy [J] of the displacement, (IC4)."""
-            M_p, M_o = inverse(Z_p.M_inverse), inverse(Z_o.M_inverse)
-            moving = float(dx @ M_p @ dx + dy @ M_o @ dy + x @ Z_p.K @ x) / 2.0
-            return moving + self.law.orientation.spring(desired.R_d, now.R_d, Z_o.K).energy
+        def energy_and_power(at: float) -> tuple[float, float]:
+            """Return the energy [J] (IC4), and the power [W] of the damping."""
+            (M_p, D_p, K_p), (M_o, D_o, K_o) = self._changed_to(at)
+            moving = float(dx @ M_p @ dx + dy @ M_o @ dy + x @ K_p @ x) / 2.0
+            turned = self.law.orientation.spring(desired.R_d, now.R_d, K_o)
+            return moving + turned.energy, float(dx @ D_p @ dx + dy @ D_o @ dy)
 
-        before = self.changed
-        Z_p, Z_o = self._changed_to(before)
-        had = energy(Z_p, Z_o)
-        taken = dt * float(dx @ Z_p.D @ dx + dy @ Z_o.D @ dy)
-        left = min(self._most_energy, self.energy_left + taken)
-        after = later(before, dt)  # (IC1)
-        more = energy(*self._changed_to(after)) - had
+        before, after = self.changed, later(self.changed, dt)  # (IC1)
+        had, power = energy_and_power(before)
+        left = min(self.tank, self.energy_left + dt * power)
+        more = energy_and_power(after)[0] - had
         if more > left:  # as much as there is energy for
             after = before + max(0.0, _CAUTION * left / more) * (after - before)
-            more = energy(*self._changed_to(after)) - had
+            more = energy_and_power(after)[0] - had
         if not more <= left:  # or it is not finite
             after, more = before, 0.0
-        self.changed, self.energy_left = after, min(self._most_energy, left - more)  # (IC5)
+        self.changed, self.energy_left = after, min(self.tank, left - more)  # (IC5)
+
+
+# --- bounds -----------------------------------------------------------------------------------
+
+
+def _bounded(
+    frame: DesiredFrame,
+    desired: DesiredFrame,
+    before: DesiredFrame,
+    desired_before: DesiredFrame,
+    dt: float,
+    bounds: tuple[float, float, float],
+) -> DesiredFrame:
+    """Return the compliant frame within the bounds; itself where it is.
+
+    Towards the bound X of the displacement x (3,) [m] or [rad] the velocity v relative to the
+    desired frame is at most r (X - |x|): X is reached without overshoot, and v is continuous.
+    """
+    p_c, R_c, dp_c, omega_c, ddp_c, domega_c = frame
+    position, rotation, speed = bounds
+    rotation = rotation if rotation < math.pi else math.inf
+    x, v, v_0 = p_c - desired.p_d, dp_c - desired.dp_d, before.dp_d - desired_before.dp_d
+    is_slower = _bound(x, v, v_0, position, speed, dt)
+    if is_slower:
+        dp_c = desired.dp_d + v
+        p_c = before.p_d + (dt / 2.0) * (before.dp_d + dp_c)
+        ddp_c = (dp_c - before.dp_d) / dt
+    x, v = log(R_c @ desired.R_d.T), omega_c - desired.omega_d
+    v_0 = before.omega_d - desired_before.omega_d
+    turns_slower = _bound(x, v, v_0, rotation, speed, dt)
+    if turns_slower:
+        omega_c = desired.omega_d + v
+        R_c = exp((dt / 2.0) * (before.omega_d + omega_c)) @ before.R_d
+        domega_c = (omega_c - before.omega_d) / dt
+    if not (is_slower or turns_slower):
+        return frame
+    return DesiredFrame(p_c, R_c, dp_c, omega_c, ddp_c, domega_c)
+
+
+@jit(b1(vector, new_vector, vector, f8, f8, f8))
+def _bound(x: Array, v: Array, v_before: Array, most: float, speed: float, dt: float) -> bool:
+    """Bound the velocity v at the displacement x, in place; return whether it was beyond."""
+    rate = min(POSITION_RATE, 1.0 / dt)
+    slower = rate * speed * dt  # by no more, where a bound was lowered
+    size, distance = norm(v), norm(x)
+    fastest = max(speed, norm(v_before) - slower)
+    is_beyond = size > fastest
+    if is_beyond:
+        v *= fastest / size
+    if distance > 0.0:
+        away = x / distance
+        allowed = max(rate * (most - distance), max(-speed, dot(v_before, away) - slower))
+        excess = dot(v, away) - allowed
+        if excess > 0.0:
+            v -= excess * away
+            is_beyond = True
+    return is_beyond

@@ -65,9 +65,9 @@ class ContactWatch:
 
     def expect(self, parameters: "ImpedanceParameters") -> None:
         """Go on with other parameters."""
-        p = parameters
-        force = p.max_ripple_force, _gap(p.translation())
-        self._expected = np.array([force, (p.max_ripple_torque, _gap(p.rotation()))])
+        force = parameters.max_ripple_force, _gap(parameters.translation())
+        moment = parameters.max_ripple_torque, _gap(parameters.rotation())
+        self._expected = np.array((force, moment))
 
     def expect_changes(self) -> None:
         """Let only quick bounces count: a program swings the stiffness, and so the contact."""
@@ -80,7 +80,6 @@ class ContactWatch:
         self._look_again()
 
     def _look_again(self) -> None:
-        """Look for an oscillation from the start; the energy goes on."""
         self._events = np.zeros((2 * _ROWS, 6))
         self._events[[_LAST, _ROWS + _LAST]] = -math.inf
         self._books[_POWER:] = 0.0

@@ -82,7 +82,6 @@ class ForceControl:
 
     Attributes:
         selection: (3,) 1 for each axis along which there may be a force, else 0.
-        is_on: whether there is one; a restart of the scheme ends it.
         wanted: (3,) [N] that is asked for now, on its way to the one that was sent.
         stiffness: (3,) [N/m] of the contact as learned; NaN where there is no contact.
         swing: (3,) [N] by which what is asked for is off its slow mean, base frame.
@@ -128,12 +127,8 @@ class ForceControl:
     ) -> tuple[Array, float]:
         """Return the drive (6,), which the compliant frame takes for the wrench, and r of (FC1).
 
-        Args:
-            dt: [s] since the last time, 0 or more.
-            actual, desired: the frame of the centre of compliance as measured, and the one wanted.
-            compliant: that of the last tick.
-            w: (6,) [N, Nm] contact on the tool, about the centre, base frame.
-            times: how many times the damping there is.
+        All frames, and the contact ``w`` (6,), are of the centre of compliance; ``compliant`` is
+        that of the last tick.  There is so many ``times`` the damping.
         """
         parameters, R, p = self.parameters, actual.R_d, actual.p_d
         w_f = 2.0 * math.pi * parameters.force_bandwidth / times  # the bandwidth w
@@ -154,8 +149,7 @@ class ForceControl:
             v, a, ahead[i] = axis.lead(f[i], across, parameters, self._mass, w_f, dt)
             back = _RETURNS * w_f * off[i] if axis.touches else 0.0
             push[i] = _MASS * (r * (v + back - v_d[i]) + a - a_d[i]) + f[i]  # (FC1)
-            swing[i] = axis.f_d - axis.mean
-            self.wanted[i] = axis.f_d
+            swing[i], self.wanted[i] = axis.f_d - axis.mean, axis.f_d
             self.stiffness[i] = axis.contact.K if axis.touches else math.nan
         self._time += dt
         touched, self._touches = self._touches, any(a.touches for a in self._axes.values())
@@ -165,9 +159,9 @@ class ForceControl:
         return np.concatenate((w[:3] + R @ push, w[3:])), r
 
     def freed(self, R: Array, rate: float, Z: Matrices) -> Matrices:
-        """Return Z = M_p^-1, D_p, K_p with ``_MASS``, D_f and no stiffness along the force axes.
+        """Return Z with ``_MASS``, D_f by the rate r, and no stiffness along the force axes.
 
-        ``R`` (3, 3) is the compliance as measured, in the axes of Z; ``rate`` is r of (FC1).
+        ``R`` (3, 3) is the compliance as measured, in the axes of Z.
         """
         N = (R * self.selection) @ R.T  # onto the axes
         P = _I - N
@@ -176,7 +170,7 @@ class ForceControl:
         return Matrices(inverse(M), D, P @ Z.K @ P)
 
     def bounces(self) -> bool:
-        """Return whether the contact was lost again and again; then look for it from the start."""
+        """Return whether the contact was lost again and again; then count from the start."""
         bounces = len(self._contacts) == _CONTACTS and self._time - self._contacts[0] < _WITHIN
         if bounces:
             self._contacts.clear()
@@ -195,7 +189,7 @@ class _Axis:
         self.contact = _Contact(K_max, f, f)
 
     def ask(self, target: float, dt: float) -> None:
-        """Let the force that is asked for go on towards a target [N]."""
+        """Let f_d go on towards a target [N]."""
         df = _clipped(_share(dt, _SMOOTH) * (target - self.f_d), _SLEW * dt)
         self.f_d += df
         self.df_d = df / dt
@@ -204,7 +198,6 @@ class _Axis:
     def observe(
         self, f: float, dx: float, across: float, p: "ImpedanceParameters", w: float, dt: float
     ) -> None:
-        """Learn of the dt [s] in which the tip went dx [m]."""
         f_d = self.f_d
         least = max(_TOUCH * abs(f_d), _NOISE, _NOISES * math.sqrt(self.variance))
         touched, self.touches = self.touches, abs(f) > (0.5 * least if self.touches else least)
@@ -223,7 +216,7 @@ class _Axis:
     def lead(
         self, f: float, across: float, p: "ImpedanceParameters", mass: float, w: float, dt: float
     ) -> tuple[float, float, float]:
-        """Return velocity and acceleration that the frame is to have, and the change (FC6)."""
+        """Return the velocity and acceleration of the frame along the axis, and K (dx - v_s) dt."""
         f_d, v_max, K_max = self.f_d, p.max_approach_speed, p.stiffest_contact
         size, T = max(abs(f_d), _NOISE), max(math.sqrt(mass / K_max), dt)
         v_most = min(v_max, size / (K_max * T))  # (FC5)
@@ -240,7 +233,7 @@ class _Axis:
         return v, a, K * (v - v_s) * dt  # (FC6)
 
     def _gather(self, u: float, v_most: float, share: float, dv_most: float) -> float:
-        """Return the next speed on its way to u [m/s]; it grows by no more than dv_most."""
+        """Return the next speed on its way to u; it grows by no more than dv_most."""
         v = _clipped(u, v_most)
         dv = _clipped(share * (v - self.v), dv_most)
         if abs(v) > abs(self.v) and dv != v - self.v:
@@ -250,14 +243,10 @@ class _Axis:
 
 
 class _Contact:
-    """What is learned since the tool touched last, or let go.
+    """What is learned since the tool touched last, or let go: K, and f, v_s, a_s as observed.
 
-    Attributes:
-        K: [N/m] the stiffness.
-        f, v_s, a_s: the force, and the motion of the surface, as observed (FC2).
-        trust: in K, 0 to 1: so much of the observer acts.
-        is_reached: whether the force was: from then on (FC4) counts, not (FC3).
-        S_x, S_f: the sums of the one that counts.
+    ``trust`` in K, from 0 to 1, is the part of the observer that acts.  From when the force
+    ``is_reached`` (FC4) counts, not (FC3), with the sums ``S_x, S_f``.
     """
 
     def __init__(self, K: float, f: float, f_d: float) -> None:
@@ -266,7 +255,7 @@ class _Contact:
         self.is_reached, self._x, self._mean = False, 0.0, np.array((0.0, f, f_d))
 
     def changes(self, dx: float, f: float, f_d: float, dt: float) -> list[float]:
-        """Return the changes of x_e [m], f [N] and f_d [N], after the tip went dx [m]."""
+        """Return the changes of x_e, f and f_d."""
         self._x += dx
         now = np.array((self._x, f, f_d))
         self._mean += _share(dt, _CHANGES) * (now - self._mean)
@@ -274,7 +263,7 @@ class _Contact:
         return changes
 
     def observe(self, f: float, dx: float, v_max: float, w: float, dt: float) -> None:
-        """Observe (FC2) after the tip went dx [m], to the force f; ``v_max`` [m/s] bounds v_s."""
+        """Observe (FC2); ``v_max`` [m/s] bounds v_s."""
         pole = math.exp(-_OBSERVER * w * dt)
         predicted = self.f + self.K * (dx - self.v_s * dt)
         missed = f - predicted
@@ -285,7 +274,7 @@ class _Contact:
         self.v_s, self.a_s = _clipped(v_s, v_max), _clipped(a_s, v_max / _FASTEST)
 
     def learn(self, x: float, f: float, g: float, left: float, K_max: float, dt: float) -> None:
-        """Learn K of the changes x, f, g of f_d; ``left`` is the part of f_d that is missing."""
+        """Learn K of the changes x, f, and g of f_d, of which the part ``left`` is missing."""
         cause, size, T = (g, g, _LATER) if self.is_reached else (x, self.K * x, _FIRST)
         weight = size * size / (size * size + _NOISE**2)
         stays = math.exp(-weight * dt / T)
@@ -310,7 +299,6 @@ class _Contact:
 
 
 def _clipped(value: float, most: float) -> float:
-    """Return a value within -most and most."""
     return max(-most, min(most, value))
 
 

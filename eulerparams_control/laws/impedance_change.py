@@ -15,14 +15,13 @@ With D = 2 zeta (M K)^1/2 at both ends the damping ratio zeta holds all the way 
 stays and has the axes of K.  By (IC2), (IC3) the ratios v'Dv / v'Mv and v'Kv / v'Mv are on the way
 no larger than at one of the ends, so that the rate is at most twice that of the faster one.
 
-Notation: ``Z_0, Z_1`` (M, D, K) of before and after, ``dip`` (3, 3) by which K(s) is less than
-what is linear in s, at s (1 - s) = 1.
+Notation: ``Z_0, Z_1`` (M, D, K) of before and after.
 """
 
 import math
 
-from eulerparams_control.laws.impedance_matrices import Impedance, Matrices, square_root
-from eulerparams_control.laws.rotations import Array, inverse
+from eulerparams_control.laws.impedance_matrices import Impedance
+from eulerparams_control.laws.jit import Array
 
 _CHANGE_TIME = 0.05  # T [s]: a change is 95 % done after three times that
 _DONE = 1e-6  # what is left of a change when it ends
@@ -34,23 +33,9 @@ def later(s: float, dt: float) -> float:
     return s if s < 1.0 - _DONE else 1.0
 
 
-def dip_of(K_0: Array, K_1: Array) -> Array:
-    """Return (K_0^1/2 - K_1^1/2)^2 (3, 3): K(s) = (1 - s) K_0 + s K_1 - s (1 - s) dip, (IC2)."""
-    root = square_root(K_0) - square_root(K_1)
-    root = (root + root.T) / 2  # freed of its rounding: the dip is symmetric
-    return root @ root
-
-
-def between(s: float, Z_0: Matrices, Z_1: Matrices, dip: Array) -> Matrices:
-    """Return M^-1, D, K on the way, (IC2), (IC3)."""
-    return Matrices(
-        inverse((1.0 - s) * inverse(Z_0.M_inverse) + s * inverse(Z_1.M_inverse)),
-        (1.0 - s) * Z_0.D + s * Z_1.D,
-        (1.0 - s) * Z_0.K + s * Z_1.K - s * (1.0 - s) * dip,
-    )
-
-
-def impedance_between(Z_0: Impedance, Z_1: Impedance, s: float) -> Impedance:
-    """Return the impedance on the way from one to another, (IC2), (IC3)."""
-    Z = between(s, Z_0.values, Z_1.values, dip_of(Z_0.K, Z_1.K))
-    return Impedance(inverse(Z.M_inverse), Z.D, (Z.K + Z.K.T) / 2)
+def between(s: float, Z_0: Impedance, Z_1: Impedance) -> tuple[Array, Array, Array]:
+    """Return M, D, K (3, 3) on the way from one impedance to another."""
+    W = (1.0 - s) * Z_0.K_half + s * Z_1.K_half
+    M = (1.0 - s) * Z_0.M + s * Z_1.M  # (IC3)
+    D = (1.0 - s) * Z_0.D + s * Z_1.D
+    return M, D, W @ W  # (IC2)

@@ -4,11 +4,10 @@ The contact wrench moves a compliant frame away from the desired one by the impe
 (52), (55), (59), see :mod:`.compliant_frame`; the motion loop (49), (50), (51) follows it on
 inverse dynamics with the wrench compensated, eq. (48), see :mod:`.dynamic_control`.
 
-Notation: ``h`` (6,) [N, Nm] wrench of the end effector on the environment: minus the contact
-wrench ``w`` = (f, mu) of the environment on the end effector; base frame, about the tip.
+Notation: ``w`` = (f, mu) (6,) [N, Nm] contact wrench of the environment on the end effector, ``h``
+of the end effector on the environment, minus that; base frame, about the tip.
 """
 
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -29,7 +28,7 @@ from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import Lyapunov
 from eulerparams_control.laws.rotations import Array, angle_between, exp, norm
 from eulerparams_control.laws.scheme import Bounds, JointCommand, LoopGain, Scheme, Tick
-from eulerparams_control.laws.wrench import SensedWrench, WrenchChain, at_point
+from eulerparams_control.laws.wrench import SensedWrench, WrenchChain, shifted
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame
 from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
 
@@ -55,27 +54,16 @@ _NO_WRENCH.setflags(write=False)
 
 
 class ImpedanceControl(Scheme):
-    """Impedance control of one arm.
+    """Impedance control of one arm; raises ConfigurationError for impossible parameters.
 
     Before each tick :meth:`sense` says what the force/torque sensor measures.  While nothing is
-    measured the compliant frame is at rest, and the motion loop holds it.  :meth:`press` lets the
-    tool exert a force, until the scheme restarts, or holds.
-
-    Args:
-        robot, parameters: see :meth:`change`.
-        chain: of the wrench, with its tare; None is a new one.
+    measured the compliant frame is at rest, and the motion loop holds it.
 
     Attributes:
-        law: the impedance equations; see :meth:`change_impedance`.
+        law: the impedance equations that were asked for last.
         centre: frame of the compliance seen from the tip.
-        motion: the loop that follows the compliant frame.
         compliant: the compliant frame, of the centre.
-        force: that the tool is to exert.
-        contact: the energy that it is given, and whether it oscillates.
         damping: how many times that of the law: more where the contact oscillated.
-
-    Raises:
-        ConfigurationError: if the parameters are impossible for the robot.
     """
 
     _dq: Array | None  # of the tick before
@@ -86,11 +74,8 @@ class ImpedanceControl(Scheme):
     ) -> None:
         self.robot, self.parameters = robot, parameters
         self.law, self.centre = parameters.compliance_law(), parameters.centre(robot)
-        self.motion: DynamicControl | NoMotionLoop = (
-            DynamicControl(robot, parameters)
-            if parameters.commands_joints
-            else NoMotionLoop(robot, parameters)
-        )
+        loop = DynamicControl if parameters.commands_joints else NoMotionLoop
+        self.motion: DynamicControl | NoMotionLoop = loop(robot, parameters)
         self.chain = chain or WrenchChain(robot, parameters)
         self.chain.change(parameters)
         self.compliant = CompliantFrame(self.law, parameters.stiffness_energy)
@@ -104,15 +89,6 @@ class ImpedanceControl(Scheme):
         self._balance = _NO_WRENCH  # the contact at the last restart
         self.reset(np.zeros(robot.n))
 
-    @property
-    def bounds(self) -> Bounds:
-        """Those of the motion loop."""
-        return self.motion.bounds
-
-    def bound(self, joints: JointLimits) -> None:
-        """Let the motion loop keep to limits of the joints."""
-        self.motion.bound(joints)
-
     def rehearse(self) -> None:
         """Rehearse with a wrench: without one the compliant frame is frozen."""
         self.sense(SensedWrench(np.zeros(6), AT_ORIGIN))
@@ -125,7 +101,10 @@ class ImpedanceControl(Scheme):
         self._sensed, self.is_frozen = wrench, wrench is None
 
     def press(self, force: Array) -> None:
-        """Let the tool exert a force (3,) [N] on the environment, axes of the compliance."""
+        """Let the tool exert a force (3,) [N] on the environment, axes of the compliance.
+
+        It ends where the scheme restarts, or holds.
+        """
         if not self.force.is_on:
             self.compliant.rearrange()
         self.force.press(force)
@@ -144,20 +123,18 @@ class ImpedanceControl(Scheme):
     def change(self, parameters: "ImpedanceParameters") -> None:
         """Go over to other parameters, without a jump of the compliant frame or of the command.
 
-        Raises:
-            ConfigurationError: if they are impossible, or force_axes change while a force acts.
+        Raises ConfigurationError if they are impossible, or force_axes change while a force acts.
         """
         law, centre = parameters.compliance_law(), parameters.centre(self.robot)
-        now = self.compliant.law_now
-        kept = replace(now, orientation=law.orientation, frame=law.frame, bounds=law.bounds)
         is_same = np.array_equal(parameters.force_selection(), self.force.selection)
         if self.force.is_on and not is_same:
             raise ConfigurationError("force_axes cannot change while target_wrench is followed")
         self.motion.change(parameters)
         self.loop_rate = self.motion.loop_rate
-        self.compliant.replace_law(kept, (self.centre.inverse, centre))
-        self.compliant.limit_energy(parameters.stiffness_energy)
-        self.compliant.change_impedance(law)
+        self.compliant.tank = parameters.stiffness_energy
+        self.compliant.change(law)
+        if (frame := self.compliant.now) is not None:
+            self.compliant.begin(None, frame.carrying(self.centre.inverse).carrying(centre))
         if law.orientation != self.law.orientation:
             self._x_de = None  # it means nothing to another representation
         self.parameters, self.law, self.centre = parameters, law, centre
@@ -169,7 +146,7 @@ class ImpedanceControl(Scheme):
 
     def change_impedance(self, law: ComplianceLaw) -> None:
         """Go over to another impedance, of the same representation, frame and bounds."""
-        self.compliant.change_impedance(law.damped(self.damping))
+        self.compliant.change(law.damped(self.damping))
         self.contact.expect_changes()
         self.law = law
 
@@ -179,34 +156,12 @@ class ImpedanceControl(Scheme):
         self._blend.replace(self._w)
 
     @property
-    def fastest_gain(self) -> LoopGain | None:
-        """That of the motion loop; the compliant frame takes the steps that it needs."""
-        return self.motion.fastest_gain
-
-    @property
-    def hold_rate(self) -> float:
-        """That of the motion loop."""
-        return self.motion.hold_rate
-
-    def skip(self) -> None:
-        """Forget the speeds of the tick before, which the acceleration of the tool is made of."""
-        self._dq = None
-        self.motion.skip()
-
-    @property
     def stop_time(self) -> float:
-        """The time constant [s] with which the compliant frame comes to rest without a wrench.
-
-        So it brakes by the accelerations of the tip, at last by STOP_TIME.
-        """
+        """The time constant [s] of a frozen frame: it brakes by the accelerations of the tip."""
         frame, motion = self.compliant.now, self.parameters.motion_limits()
         if frame is None or motion is None:
             return STOP_TIME
         return max(STOP_TIME, min(motion.stop_time(frame.dp_d, frame.omega_d), _LONGEST_STOP))
-
-    def start_from(self, effort: Array | None) -> None:
-        """Begin at the efforts (n,) that the robot reports, if it does."""
-        self.motion.start_from(effort)
 
     def reset(self, q: Array) -> None:
         """Begin at the measured q (n,), the compliant frame where the tip is then."""
@@ -214,7 +169,7 @@ class ImpedanceControl(Scheme):
         self._restart(q)
 
     def resume(self, q: Array) -> None:
-        """Begin at the measured q (n,), with the efforts as they are."""
+        """The same, with the efforts as they are."""
         self.motion.resume(q)
         self._restart(q)
 
@@ -225,7 +180,6 @@ class ImpedanceControl(Scheme):
         self._forget()
 
     def _contact_at(self, q: Array, dq: Array) -> Array:
-        """Return the contact wrench (6,) that is felt at the state q, dq (n,)."""
         if self._sensed is None:
             return _NO_WRENCH
         self.chain.reset()
@@ -260,15 +214,12 @@ class ImpedanceControl(Scheme):
         return self.motion.last_command(q, dq)._replace(frame=super().frame_at(q))
 
     def frame_at(self, q: Array) -> DesiredFrame:
-        """Return the desired frame with which the tip stays at q (n,).
-
-        After a contact that is its pose, moved by what balances the contact: p_d = p_e - K_p^+ f.
-        """
+        """Return the desired frame with which the tip stays at q (n,): p_d = p_e - K_p^+ f."""
         tip = super().frame_at(q)
         if not self._balance.any():
             return tip
         law, frame = self.law, tip.carrying(self.centre)
-        f, mu = np.split(at_point(self._balance, frame.p_d - tip.p_d), 2)
+        f, mu = np.split(self._about_centre(self._balance, tip.R_d), 2)
         R = np.eye(3) if law.frame == "base" else frame.R_d
         x = R @ (np.linalg.pinv(law.translation.K) @ (R.T @ f))
         turn = frame.R_d @ (np.linalg.pinv(law.rotation.K) @ (frame.R_d.T @ mu))
@@ -283,7 +234,7 @@ class ImpedanceControl(Scheme):
         """Return the efforts and the compliant frame for this instant.
 
         Raises:
-            SingularityError, FollowingError: as those of the motion loop.
+            SingularityError, FollowingError: as the motion loop does.
             OverloadError: if the contact is larger than allowed.
             ContactError: if the contact oscillates, and no damping helps.
         """
@@ -296,14 +247,12 @@ class ImpedanceControl(Scheme):
         compliant = at_centre.carrying(self.centre.inverse)
         if self.force.is_on:  # by which the contact is to change until the next tick, (FC6)
             ahead = np.concatenate((self.force.ahead, np.zeros(3)))
-            h = h + at_point(ahead, -(arm.R_e @ self.centre.p))
+            h = h + shifted(AT_ORIGIN.R, arm.R_e @ self.centre.p, ahead)
         # the compliant frame is desired by the motion loop (49)-(51), which compensates h, (48)
         followed = self.motion.follow(dt, state, compliant, h)
-        wrench = None if self.is_frozen else w
-        force = None if wrench is None else w[:3]
+        wrench, force = (None, None) if self.is_frozen else (w, w[:3])
         self.motion.note_contact(dt, arm, desired, force, self.force.is_on)
-        # x_de is of the tip from the desired frame, not from the compliant one
-        self._x_de = x_de
+        self._x_de = x_de  # of the tip from the desired frame, not from the compliant one
         command = followed.command._replace(frame=compliant)
         return Tick(command, desired, arm, x_de, followed.saturated, followed.excess, wrench)
 
@@ -320,8 +269,8 @@ class ImpedanceControl(Scheme):
             if self.chain.tool is not None and dq_before is not None and dt > 0.0:
                 a = arm.J @ ((arm.dq - dq_before) / dt) + state.dJ_dq
             w = self.chain.contact(self._sensed, arm, a, dt)
-            _refuse_contact(self.chain.force, p.max_contact_force, "N", "max_contact_force")
-            _refuse_contact(self.chain.moment, p.max_contact_torque, "Nm", "max_contact_torque")
+            _refuse_contact(norm(w[:3]), p.max_contact_force, "N", "max_contact_force")
+            _refuse_contact(norm(w[3:]), p.max_contact_torque, "Nm", "max_contact_torque")
         w = self._blend(dt, w)
         self._blend.keep()
         # A wrench that returns acts on the impedance at once, since it balances K_p p_cd; only its
@@ -337,21 +286,6 @@ class ImpedanceControl(Scheme):
             self._calm(found, dt)
         return w, h
 
-    def lyapunov(self, tick: Tick) -> Lyapunov | None:
-        """Return V_3 and its derivative, eqs. (68), (69), of the rotation of the centre."""
-        frame = tick.command.frame
-        if frame is None or tick.wrench is None:
-            return None
-        law, centre = self.law, self.centre
-        desired, compliant = tick.desired.carrying(centre), frame.carrying(centre)
-        mu = at_point(tick.wrench, tick.state.R_e @ centre.p)[3:]
-        return law.orientation.lyapunov_3(
-            desired.R_d.T @ compliant.R_d,
-            desired.R_d.T @ (compliant.omega_d - desired.omega_d),
-            self.compliant.law_now.rotation,
-            desired.R_d.T @ mu,
-        )
-
     def _calm(self, found: Oscillation, dt: float) -> None:
         """Raise the damping where the contact oscillates, until the tool was free for a while."""
         bounces = self.force.bounces() or (found and self.damping == 1.0)
@@ -364,7 +298,7 @@ class ImpedanceControl(Scheme):
                     f"more is not possible: {error}"
                 ) from error
         elif self.damping > 1.0:
-            touches = self.chain.force > self.parameters.max_ripple_force
+            touches = self.is_frozen or norm(self._w[:3]) > self.parameters.max_ripple_force
             self._free = 0.0 if touches else self._free + dt
             if self._free > _FREE:
                 self._damp(1.0)
@@ -374,7 +308,7 @@ class ImpedanceControl(Scheme):
         if times > _CALMEST:
             raise ConfigurationError(f"at most {_CALMEST:g} times")
         if times != self.damping:
-            self.compliant.change_impedance(self.law.damped(times))
+            self.compliant.change(self.law.damped(times))
             self.damping, self._free = times, 0.0
 
     def _comply(self, dt: float, arm: RobotState, desired: DesiredFrame, w: Array) -> DesiredFrame:
@@ -387,8 +321,7 @@ class ImpedanceControl(Scheme):
         if self._was_frozen and frame.now is not None:
             self._refuse_return(desired, frame.now)
         self._was_frozen = False
-        if self.centre is not AT_ORIGIN:
-            w = at_point(w, arm.R_e @ self.centre.p)
+        w = self._about_centre(w, arm.R_e)
         if is_new or not self.parameters.inner_loop:
             frame.begin(desired, self._actual(arm))
             return frame.step(0.0, desired, w)
@@ -414,9 +347,56 @@ class ImpedanceControl(Scheme):
                 "max_jump_rotation) are allowed: send the reference again"
             )
 
+    def _about_centre(self, w: Array, R_e: Array) -> Array:
+        return w if self.centre is AT_ORIGIN else shifted(AT_ORIGIN.R, -(R_e @ self.centre.p), w)
+
     def _actual(self, arm: RobotState) -> DesiredFrame:
-        """Return the frame of the centre of compliance as it is."""
         return DesiredFrame(arm.p_e, arm.R_e, arm.dp_e, arm.omega_e).carrying(self.centre)
+
+    def lyapunov(self, tick: Tick) -> Lyapunov | None:
+        """Return V_3 and its derivative, eqs. (68), (69), of the rotation of the centre."""
+        frame = tick.command.frame
+        if frame is None or tick.wrench is None:
+            return None
+        law, centre = self.law, self.centre
+        desired, compliant = tick.desired.carrying(centre), frame.carrying(centre)
+        mu = self._about_centre(tick.wrench, tick.state.R_e)[3:]
+        return law.orientation.lyapunov_3(
+            desired.R_d.T @ compliant.R_d,
+            desired.R_d.T @ (compliant.omega_d - desired.omega_d),
+            self.compliant.law_now.rotation,
+            desired.R_d.T @ mu,
+        )
+
+    # --- as the motion loop has them; the compliant frame takes the steps that it needs -----------
+
+    @property
+    def bounds(self) -> Bounds:
+        """Those of the motion loop."""
+        return self.motion.bounds
+
+    def bound(self, joints: JointLimits) -> None:
+        """Let the motion loop keep to limits of the joints."""
+        self.motion.bound(joints)
+
+    @property
+    def fastest_gain(self) -> LoopGain | None:
+        """That of the motion loop."""
+        return self.motion.fastest_gain
+
+    @property
+    def hold_rate(self) -> float:
+        """That of the motion loop."""
+        return self.motion.hold_rate
+
+    def start_from(self, effort: Array | None) -> None:
+        """Begin at the efforts (n,) that the robot reports, if it does."""
+        self.motion.start_from(effort)
+
+    def skip(self) -> None:
+        """Forget the speeds of the tick before, which accelerations are made of."""
+        self._dq = None
+        self.motion.skip()
 
 
 def _refuse_contact(size: float, most: float, unit: str, name: str) -> None:

@@ -1,11 +1,10 @@
-"""Mass, damping and stiffness of an impedance: three symmetric matrices.
+"""Mass, damping and stiffness of eqs. (52), (55), (59): three symmetric matrices (3, 3).
 
-``M`` [kg or kg m^2], ``D`` [Ns/m or Nms/rad] and ``K`` [N/m or Nm/rad] of eqs. (52), (55),
-(59), (3, 3).
+``M`` [kg or kg m^2], ``D`` [Ns/m or Nms/rad] and ``K`` [N/m or Nm/rad].
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -25,7 +24,7 @@ _ROWS, _COLUMNS = np.triu_indices(3)  # xx, xy, xz, yy, yz, zz
 
 
 class Matrices(NamedTuple):
-    """What moves by an impedance: ddx = M^-1 (force - D dx - K x); each (3, 3)."""
+    """An impedance as its motion needs it: ddx = M^-1 (force - D dx - K x)."""
 
     M_inverse: Array
     D: Array
@@ -57,6 +56,11 @@ class Impedance:
         return Matrices(np.linalg.inv(self.M), self.D, self.K)
 
     @cached_property
+    def K_half(self) -> Array:
+        """K^1/2."""
+        return square_root(self.K)
+
+    @cached_property
     def rate(self) -> float:
         """The largest magnitude [1/s] of the eigenvalues of its linear motion."""
         M_inverse, D, K = self.values
@@ -86,13 +90,8 @@ class Impedance:
 def symmetric_matrix(name: str, values: Numbers, axes: Numbers = ()) -> Array:
     """Return a symmetric matrix (3, 3): U diag(values) U', U = [u_1 u_2 u_3], eqs. (53), (63).
 
-    Args:
-        name: for the error messages.
-        values: 3 on the diagonal, or along the axes; or xx, xy, xz, yy, yz, zz.
-        axes: 9 numbers, the unit vectors u_1, u_2, u_3 in a row; () is x, y, z.
-
-    Raises:
-        ConfigurationError: if the numbers are not that many, or the axes not orthogonal.
+    The values are 3, along the axes, or xx, xy, xz, yy, yz, zz; the axes u_1, u_2, u_3 in a row,
+    or () for x, y, z.  Raises ConfigurationError, with the name, for others.
     """
     if len(values) == 6 and not axes:
         matrix = np.zeros((3, 3))
@@ -109,27 +108,6 @@ def symmetric_matrix(name: str, values: Numbers, axes: Numbers = ()) -> Array:
     return U @ np.diag(values) @ U.T
 
 
-def impedance_of(
-    part: str, M: Numbers, D: Numbers, K: Numbers, axes: Numbers, ratio: float
-) -> Impedance:
-    """Return the impedance of numbers for :func:`symmetric_matrix`, ``axes`` those of K.
-
-    Args:
-        part: "p" or "o", for the error messages.
-        ratio: damping of each mode where D is empty.
-
-    Raises:
-        ConfigurationError: if they are impossible.
-    """
-    mass = symmetric_matrix(f"M_{part}", M)
-    stiffness = symmetric_matrix(f"K_{part}", K, axes)
-    undamped = Impedance(mass, np.zeros((3, 3)), stiffness)  # only of such a root can be taken
-    damping = (
-        symmetric_matrix(f"D_{part}", D) if len(D) else damping_of_ratio(mass, stiffness, ratio)
-    )
-    return replace(undamped, D=damping)
-
-
 def damping_of_ratio(M: Array, K: Array, ratio: float) -> Array:
     """Return D = 2 ratio M^1/2 (M^-1/2 K M^-1/2)^1/2 M^1/2: each mode has this damping ratio."""
     M_half = square_root(M)
@@ -141,11 +119,12 @@ def damping_of_ratio(M: Array, K: Array, ratio: float) -> Array:
 def square_root(A: Array) -> Array:
     """Return the root A^1/2 of a symmetric positive semidefinite A (3, 3)."""
     values, vectors = np.linalg.eigh(A)
-    return (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    root: Array = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+    return (root + root.T) / 2.0  # symmetric to the bit
 
 
 def _orthonormal(name: str, axes: Numbers) -> Array:
-    """Return U = [u_1 u_2 u_3] (3, 3) of nine numbers, made exactly orthonormal."""
+    """Return U = [u_1 u_2 u_3] of nine numbers, made exactly orthonormal."""
     if len(axes) != 9:
         raise ConfigurationError(
             f"{name}_axes has {len(axes)} values; expected 9: three unit vectors in a row"

@@ -1,12 +1,10 @@
 """From what the force/torque sensor measures to the contact wrench at the tip.
 
-In this order, in :class:`WrenchChain`: sign and known bias of the sensor, shift of the frame and of
-the point that moments are about from the sensor to the tip, weight and inertia of the tool, tare,
-dead band, low-pass.
+In this order: sign and known bias of the sensor, shift of the axes and of the point that moments
+are about from the sensor to the tip, weight and inertia of the tool, tare, dead band, low-pass.
 
-Notation: ``w`` (6,) force and moment [N, Nm] of the environment on the tool; the suffix ``_t``
-is for axes of the tip and about its origin, ``_s`` for the sensor's, else base axes, about the
-origin of the tip.
+Notation: ``w`` (6,) force and moment [N, Nm] of the environment on the tool, about the tip in base
+axes; with the suffix ``_t`` in axes of the tip, with ``_s`` as the sensor measures it.
 """
 
 import math
@@ -32,7 +30,7 @@ _REPEATS, _MOVED = 0.1, 0.02
 _STILL = 0.005
 
 _ZERO = np.zeros(3)
-_AT_REST = _ZERO, np.zeros(6)  # omega_e, acceleration
+_NO_MOTION = _ZERO, np.zeros(6)  # omega_e, acceleration
 
 
 class SensedWrench(NamedTuple):
@@ -46,23 +44,20 @@ class WrenchChain:
     """The way from the sensor to the contact, with its tare and the state of its low-pass.
 
     Attributes:
-        tool: beyond the sensor; None if there is no tool.
-        tared: (6,) w_t without contact, see :meth:`tare`.
-        force, moment: sizes [N], [Nm] of the last contact.
+        tool: beyond the sensor; or None.
+        tared: (6,) w_t that is felt without contact.
     """
 
     def __init__(self, robot: Robot, parameters: "ImpedanceParameters") -> None:
         self.robot = robot
         self.change(parameters)
-        self.tared = np.zeros(6)
-        self.force = self.moment = 0.0
-        self.reset()
+        self.tare(np.zeros(6))
 
     def change(self, parameters: "ImpedanceParameters") -> None:
         """Go over to other parameters; the tare and the state of the low-pass stay."""
         self._bias, self.tool = parameters.sensor()
         self._gravity = self.robot.gravity * parameters.compensate_tool_weight
-        self.parameters = parameters
+        self._parameters = parameters
 
     def reset(self) -> None:
         """Forget the past of the low-pass; the tare stays."""
@@ -78,12 +73,12 @@ class WrenchChain:
 
         ``acceleration`` (6,) [m/s^2, rad/s^2] is the tip's, base frame; None if unknown.
         """
-        p, tool = self.parameters, self.tool
+        p, tool = self._parameters, self.tool
         w_s = p.wrench_sign * sensed.w - self._bias
         w_t = shifted(sensed.sensor.R, sensed.sensor.p, w_s)
         if tool is None:
             return w_t
-        omega, a = _AT_REST
+        omega, a = _NO_MOTION
         if p.compensate_tool_inertia and acceleration is not None:
             omega, a = arm.omega_e, acceleration
         return w_t - tool_wrench(arm.R_e, omega, a, self._gravity, *tool)
@@ -92,42 +87,30 @@ class WrenchChain:
         self, sensed: SensedWrench, arm: RobotState, acceleration: Array | None, dt: float
     ) -> Array:
         """Return the contact w (6,), dt [s] after the one before; see :meth:`felt`."""
-        p = self.parameters
+        p = self._parameters
         w_t = self.felt(sensed, arm, acceleration) - self.tared
         w_t = without_dead_band(w_t, p.force_dead_band, p.torque_dead_band)
         if self._filtered is not None and p.wrench_cutoff > 0.0:
             share = -math.expm1(-2.0 * math.pi * p.wrench_cutoff * dt)
             w_t = self._filtered + share * (w_t - self._filtered)
         self._filtered = w_t
-        self.force, self.moment = norm(w_t[:3]), norm(w_t[3:])
         return shifted(arm.R_e, _ZERO, w_t)
 
 
 @jit(new_vector(matrix, vector, vector))
 def shifted(R: Array, p: Array, w: Array) -> Array:
-    """Return a wrench (6,) of a frame at R, p in the one that carries it: (R f, R mu + p x R f)."""
+    """Return (R f, R mu + p x R f): a wrench in a frame, seen from the one that has it at R, p."""
     v = np.empty(6)
     v[:3] = turn(R, w[:3])
     v[3:] = turn(R, w[3:]) + cross(p, v[:3])
     return v
 
 
-@jit(new_vector(vector, vector))
-def at_point(w: Array, r: Array) -> Array:
-    """Return a wrench (6,) about a point at r (3,) [m] from the former one: (f, mu - r x f)."""
-    w_r = w.copy()
-    w_r[3:] -= cross(r, w[:3])
-    return w_r
-
-
 @jit(new_vector(matrix, vector, vector, vector, f8, vector, matrix))
 def tool_wrench(
     R_e: Array, omega_e: Array, a_e: Array, g: Array, mass: float, com: Array, inertia: Array
 ) -> Array:
-    """Return w_t (6,) of weight and inertia of the tool: m (g - a_com) and its moment.
-
-    R_e, omega_e, a_e (6,) are the tip's, g gravity, base frame; the rest is as in :class:`Tool`.
-    """
+    """Return w_t (6,) of weight and inertia of a tool at the tip: m (g - a_com) and its moment."""
     omega, domega = turn_back(R_e, omega_e), turn_back(R_e, a_e[3:])
     a_com = turn_back(R_e, a_e[:3]) + cross(domega, com) + cross(omega, cross(omega, com))
     w_t = np.empty(6)
@@ -138,7 +121,7 @@ def tool_wrench(
 
 @jit(new_vector(vector, f8, f8))
 def without_dead_band(w: Array, force: float, torque: float) -> Array:
-    """Return a wrench (6,) with f, mu shortened by so much: continuous, and 0 within that."""
+    """Return a wrench with f, mu shortened by so much: continuous, and 0 within that."""
     shorter = w.copy()
     for part, width in ((shorter[:3], force), (shorter[3:], torque)):
         length = norm(part)
@@ -154,16 +137,12 @@ class StuckSensor:
     an ideal sensor reports that carries nothing, a simulated one for instance.
     """
 
-    def __init__(self) -> None:
-        # what was measured last, since when [s], and where the arm was (n,)
-        self._w, self._since, self._q = b"", 0.0, np.zeros(0)
-        self._is_stuck = False
+    _w, _is_stuck = b"", False
 
     def update(self, w: Array, q: Array, now: float, limits: JointLimits) -> bool:
         """Return whether it is stuck, after it measured w (6,) at q (n,) and the time now [s]."""
-        measured = w.tobytes()
-        if measured != self._w:
-            self._w, self._q, self._since, self._is_stuck = measured, q, now, False
+        if w.tobytes() != self._w:
+            self._w, self._q, self._since, self._is_stuck = w.tobytes(), q, now, False
         elif w.any() and now - self._since > _REPEATS:
             self._is_stuck |= bool((np.abs(limits.difference(q, self._q)) > _MOVED).any())
         return self._is_stuck
@@ -173,7 +152,7 @@ type RestingSample = tuple[SensedWrench, Array, Array]  # with q, dq (n,)
 
 
 def is_still(samples: Sequence[RestingSample]) -> bool:
-    """Return whether no joint moved by more than ``_STILL`` meanwhile."""
+    """Return whether no joint moved meanwhile."""
     q = np.unwrap([q for _, q, _ in samples], axis=0)  # drivers wrap continuous joints
     return bool((np.ptp(q, axis=0) <= _STILL).all())
 

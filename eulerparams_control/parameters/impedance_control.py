@@ -1,8 +1,8 @@
 """Parameters of the node ``impedance_control``, and what is made of them."""
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +10,11 @@ from eulerparams_control.errors import ConfigurationError, RobotError
 from eulerparams_control.laws.compliant_frame import TRANSLATIONAL_FRAMES, ComplianceLaw
 from eulerparams_control.laws.contact_bound import damping_for, stiffest_contact
 from eulerparams_control.laws.impedance_control import ImpedanceControl
-from eulerparams_control.laws.impedance_matrices import Impedance, impedance_of
+from eulerparams_control.laws.impedance_matrices import (
+    Impedance,
+    damping_of_ratio,
+    symmetric_matrix,
+)
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.wrench import WrenchChain
 from eulerparams_control.motion.frames import Placement
@@ -219,13 +223,14 @@ class ImpedanceParameters(
         return self._impedance("_o", "Nms/rad")
 
     def _impedance(self, suffix: str, unit: str) -> Impedance:
-        def value(name: str) -> Any:
-            return getattr(self, name + suffix)
+        def matrix(letter: str, axes: Sequence[float] = ()) -> Array:
+            return symmetric_matrix(letter + suffix, getattr(self, letter + suffix), axes)
 
-        given, axes = value("D"), getattr(self, f"K{suffix}_axes")
-        numbers = value("M"), given, value("K"), axes, value("damping_ratio")
+        given, ratio = getattr(self, f"D{suffix}"), getattr(self, f"damping_ratio{suffix}")
         try:
-            checked = impedance_of(suffix[1:], *numbers)
+            M, K = matrix("M"), matrix("K", getattr(self, f"K{suffix}_axes"))
+            undamped = Impedance(M, np.zeros((3, 3)), K)  # only of such a root can be taken
+            checked = replace(undamped, D=matrix("D") if given else damping_of_ratio(M, K, ratio))
         except ConfigurationError as error:
             raise ConfigurationError(f"impedance{suffix}: {error}") from error
         if not checked.least_damping >= _LEAST_DAMPING:
