@@ -96,7 +96,7 @@ class Clik(Scheme):
 
     def __init__(self, robot: Robot, parameters: "ClikParameters") -> None:
         self.robot = robot
-        self._blend = Blend(_BLEND_TIME, robot.n)
+        self._blend = Blend(_BLEND_TIME)
         self._take(parameters)
         self.reset(np.zeros(robot.n))
 
@@ -161,10 +161,6 @@ class Clik(Scheme):
         """Return the integrated q, no velocity."""
         return JointCommand(self._q, np.zeros_like(self._q))
 
-    def start_frame(self) -> DesiredFrame:
-        """Return the pose of the tip at the integrated q."""
-        return self.frame_at(self._q)
-
     def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
         """Integrate over dt [s] and return q, dq for this instant.
 
@@ -176,17 +172,17 @@ class Clik(Scheme):
         q_c = self._integrated(dt, q)
         arm = self.robot.state(q_c, self._dq) if is_internal else self.robot.state(q, dq)
         dq_c, x_de = self._velocity(dt, arm, desired)
-        dq_c = self._blend(dt, dq_c)
         saturated, excess = False, 1.0
         if not math.isfinite(dq_c @ dq_c):
             raise SingularityError("the law asks for an infinite joint velocity")
         if limits is not None:
             refuse_error(desired, arm, self.parameters)
+        dq_c = self._blend(dt, dq_c)
+        if limits is not None:
             if not is_internal:
                 dq_c = self._slowed(dt, q_c, dq_c, desired)
             excess = limits.excess(dq_c)
             dq_c, saturated = limits.limit_velocity(q_c, dq_c, dt or SHORTEST, self._dq)
-        self._blend.keep()
         self._q, self._dq, self._x_de = q_c, dq_c, x_de
         return Tick(JointCommand(q_c, dq_c), desired, arm, x_de, saturated, excess)
 

@@ -63,32 +63,20 @@ _FORCE_RATE = 200.0
 
 _TINY = 1e-12
 
-_NO_FORCE, _ZERO = np.zeros(3), np.zeros(6)
+_NO_FORCE = np.zeros(3)
 _NO_FORCE.setflags(write=False)
-_ZERO.setflags(write=False)
 
 
 class TipWrench(NamedTuple):
-    """What drives the tip where nothing bounds it, and how the tip answers.
-
-    Attributes:
-        springs: the elastic wrench, with F; w: (6,) [N, Nm] the same as one vector.
-        damping: (6,) [N, Nm] of the dampers, D = F E.
-        rate: [1/s] of the fastest mode.
-        turning: the part of the elastic energy of that mode that is rotational.
-        M: (n, 6) B^-1 J', by which a wrench accelerates the joints.
-        mobility: (6, 6) Lambda^-1, by which it accelerates the tip.
-        v, v_d: (6,) velocities of the tip and of the desired frame.
-    """
+    """What drives the tip where nothing bounds it, and how the tip answers."""
 
     springs: SpringWrench
-    w: Array
-    damping: Array
+    w: Array  # (6,) [N, Nm] of the springs
+    damping: Array  # (6,) [N, Nm] of the dampers, D = F E
     E: Array
-    rate: float
-    turning: float
-    M: Array
-    mobility: Array
+    mode: tuple[float, float]  # rate [1/s] of the fastest one, rotational part of its energy
+    M: Array  # (n, 6) B^-1 J', by which a wrench accelerates the joints
+    mobility: Array  # (6, 6) Lambda^-1, by which it accelerates the tip
     v: Array
     v_d: Array
 
@@ -111,9 +99,6 @@ def compliance(
         state, desired: of the arm, and the desired frame.
         elasticity, clip_share: the springs, clipped at this part of where that is stated.
         ratio_p, ratio_o: damping ratios of translational and rotational modes.
-
-    Raises:
-        SingularityError: if the representation has no finite answer.
     """
     arm = state.arm
     v, v_d = np.concatenate((arm.dp_e, arm.omega_e)), np.concatenate(desired[2:4])
@@ -125,7 +110,7 @@ def compliance(
     drag, lead = E @ v, E @ v_d
     k = lead_share(F, w, drag, lead, clip_share * elasticity.clips)
     damping = F @ (k * lead - drag)  # -D (v - v_d) where k = 1
-    return TipWrench(springs, w, damping, E, rate, turning, M, mobility, v, v_d)
+    return TipWrench(springs, w, damping, E, (rate, turning), M, mobility, v, v_d)
 
 
 # --- its primitives; of (6,) come the part of the position and that of the orientation -------
@@ -160,14 +145,9 @@ def modal_damping(
 def lead_share(F: Array, w: Array, drag: Array, lead: Array, most: Array) -> float:
     """Return the largest k in [0, 1] with |F^-1 w - drag + k lead| <= most, of both parts.
 
-    So the feed-forward of the dampers pushes the tip by no more than the springs may.  Where these
-    and the drag are more already it is the k that does not add to them; 1 at a singularity.
-
-    Args:
-        F: (6, 6) of the stiffness F F'.
-        w: (6,) of the springs.
-        drag, lead: (6,) F^-1 D v and F^-1 D v_d.
-        most: (2,) in the metric of the stiffness.
+    So the feed-forward of the dampers, lead = F^-1 D v_d, pushes the tip by no more than the
+    springs w may.  Where these and the drag F^-1 D v are more already it is the k that does not add
+    to them; 1 at a singularity.
     """
     share = 1.0
     for part in range(2):
@@ -193,12 +173,7 @@ def release_margin(
         speed + s a tick <= most
         speed + s a t / (1 + c t) = most
 
-    Args:
-        speed, most: [m/s] or [rad/s] of the tip, now and at most.
-        a: [m/s^2] or [rad/s^2] by the whole pull.
-        braked: [1/s] the dampers' acceleration over the speed.
-        time: [s] in which the efforts of the whole pull are taken back.
-        tick: [s] for which an effort lasts.
+    The whole pull accelerates the tip by a; its efforts are taken back in a time.
     """
     if math.isinf(most):
         return 1.0
@@ -213,25 +188,23 @@ def release_margin(
     return min(part, left / max(a * tick, left))
 
 
-@jit(f8(vector, vector, vector, vector, f8, f8))
-def release_share(v: Array, a: Array, b: Array, most: Array, time: float, tick: float) -> float:
-    """Return the least :func:`release_margin` of both parts of a tip with the velocity v (6,).
+@jit(types.Tuple((f8, f8))(vector, vector, vector, vector, vector, vector, f8))
+def release_margins(
+    v: Array, a: Array, b: Array, most: Array, effort: Array, rate: Array, tick: float
+) -> tuple[float, float]:
+    """Return the least :func:`release_margin` of both parts of a tip at rest, and of one at v (6,).
 
-    The whole pull accelerates it by a (6,), and at the velocity a dampers brake it by b (6,).
+    The whole pull accelerates it by a (6,), and at the velocity a dampers brake it by b (6,).  Its
+    efforts (n,) [Nm] are taken back at their rates (n,) [Nm/s].
     """
-    share = 1.0
+    time, resting, moving = (np.abs(effort) / rate).max(), 1.0, 1.0
     for part in range(2):
         own = slice(3 * part, 3 * part + 3)
-        size = norm(a[own])
+        speed, size = norm(v[own]), norm(a[own])
         braked = max(dot(a[own], b[own]) / max(size * size, _TINY), 0.0)
-        share = min(share, release_margin(norm(v[own]), most[part], size, braked, time, tick))
-    return share
-
-
-@jit(f8(vector, vector))
-def release_time(effort: Array, rate: Array) -> float:
-    """Return the time [s] in which all efforts (n,) are taken back at their rates."""
-    return (np.abs(effort) / rate).max()
+        resting = min(resting, release_margin(0.0, most[part], size, braked, time, tick))
+        moving = min(moving, release_margin(speed, most[part], size, braked, time, tick))
+    return resting, moving
 
 
 @jit(new_vector(vector, vector, f8, matrix))
@@ -251,11 +224,8 @@ def brake(v: Array, most: Array, rate: float, mobility: Array) -> Array:
     return w
 
 
-def _lowered(before: float, margin: float, stretch: float) -> float:
-    """Return by which part the clips are lowered next, from that before.
-
-    ``margin`` is the part of the pull that may act on a tip at rest.
-    """
+def _lower_clips(before: float, margin: float, stretch: float) -> float:
+    """Return by which part the clips are lowered next, where a pull has a margin at rest."""
     if margin < 1.0:
         return 1.0 - (1.0 - before) * margin * min(1.0, stretch)
     return 0.0 if stretch <= 1.0 else before
@@ -265,33 +235,21 @@ def _lowered(before: float, margin: float, stretch: float) -> float:
 
 
 class SpringDamperState(NamedTuple):
-    """State of springs and dampers in a tick: its ``effects``.
+    """State of springs and dampers in a tick: its ``effects``."""
 
-    Attributes:
-        f, mu, energy: of the springs, see :class:`SpringWrench`.
-        dissipated: [W] by the dampers, the brake, and by what is drawn less.
-        excess: see :class:`Tick`.
-        lowered: by which part the clips are lower than stated, from the next tick on.
-        mode: rate [1/s] and turning of the fastest one.
-    """
-
-    f: Array
+    f: Array  # of the springs, as mu and energy: see SpringWrench
     mu: Array
     energy: float
-    dissipated: float
+    dissipated: float  # [W] by the dampers, the brake, and by what is drawn less
     excess: float
-    lowered: float
-    mode: tuple[float, float]
+    lowered: float  # the part by which the clips are lower than stated, from the next tick on
 
 
 class ComplianceControl(EffortControl):
     """Compliance control of one arm, as :func:`compliance`, within its bounds.
 
-    :meth:`press` adds a force to that of the springs.
-
     Attributes:
         elasticity: the springs as they are stated.
-        lowered: by which part their clips are lower.
         springs: those that act, and the part of where their clips are stated; the same object
             while they stay the same; None where none do.
         fed: (3,) [N] that is added now, on the environment, axes of the tip.
@@ -309,22 +267,17 @@ class ComplianceControl(EffortControl):
         elasticity = parameters.elasticity()
         super()._take(parameters)
         self.elasticity = elasticity
-        self._speeds = np.array(
-            (math.inf, math.inf) if self._motion is None else self._motion.speeds
-        )
+        self._speeds = np.array(self._motion.speeds if self._motion else 2 * (math.inf,))
 
     def _effort_limits(self) -> JointLimits | None:
-        """Return the limits without those of the accelerations, which the contact makes."""
+        # without those of the accelerations, which the contact makes
         return None if self.limits is None else self.limits.without_accelerations
 
     def _excess(self, dq: Array, ddq: Array, effects: SpringDamperState) -> float:
         return effects.excess
 
     def press(self, force: Array) -> None:
-        """Add a force (3,) [N] on the environment, axes of the tip, from now on; it ramps.
-
-        It ends by itself where the scheme restarts, or holds.
-        """
+        """Add a force (3,) [N] on the environment, axes of the tip, until a restart or a hold."""
         self._wanted = force if force.any() else _NO_FORCE
 
     @property
@@ -334,7 +287,7 @@ class ComplianceControl(EffortControl):
 
     def _forget_x(self) -> None:
         super()._forget_x()
-        self.lowered = 0.0
+        self._lowered = 0.0
 
     def _leave_the_law(self, q: Array) -> None:
         super()._leave_the_law(q)
@@ -342,21 +295,15 @@ class ComplianceControl(EffortControl):
         self.springs: tuple[Elasticity, float] | None = None
 
     def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
-        """Return the efforts for this instant, with the force that is added.
-
-        See :meth:`EffortControl.tick`; a contact is not compensated: it stretches the springs.
-        """
+        """Return the efforts for this instant; a contact stretches the springs."""
         if self.is_pressing:
             more = self._wanted - self.fed
             force = self.fed + min(1.0, _FORCE_RATE * dt / max(norm(more), _TINY)) * more
             self.fed = force if force.any() else _NO_FORCE
-        springs = self.elasticity, 1.0 - self.lowered
+        springs = self.elasticity, 1.0 - self._lowered
         if springs != self.springs:
             self.springs = springs
-        tick = super().tick(dt, q, dq, desired)
-        self.lowered, self._mode = tick.effects.lowered, tick.effects.mode
-        self.loop_rate = self._mode[0]
-        return tick
+        return super().tick(dt, q, dq, desired)
 
     def _accelerate(
         self, dt: float, state: DynamicState, desired: DesiredFrame
@@ -364,20 +311,22 @@ class ComplianceControl(EffortControl):
         arm, p = state.arm, self.parameters
         x_de = self.orientation.displacement(desired.R_d, arm.R_e, self._x_de)
         ratios = p.damping_ratio_p, p.damping_ratio_o
-        tip = compliance(state, desired, self.elasticity, 1.0 - self.lowered, *ratios)
+        tip = compliance(state, desired, self.elasticity, 1.0 - self._lowered, *ratios)
+        self._mode = tip.mode
+        self.loop_rate = tip.mode[0]
         f, mu, energy, stretch, _ = tip.springs
-        w, fed, lowered, excess = tip.w, _ZERO, self.lowered, 1.0
+        w, fed, excess = tip.w, None, 1.0
         lost = -float(tip.damping @ (tip.v - tip.v_d))
         if self.fed is not _NO_FORCE:
             fed = np.concatenate((turn(arm.R_e, self.fed), _NO_FORCE))
         if self.limits is None:
-            w = w + fed
+            w = w if fed is None else w + fed
         else:
             if float(w @ tip.v_d) > 0.0:  # time waits only while the motion stretches the springs
                 excess = max(1.0, stretch)
             resting, moving = self._margins(dt, arm.J, tip, w)
-            lowered = _lowered(lowered, resting, stretch)
-            if self.fed is not _NO_FORCE:
+            self._lowered = _lower_clips(self._lowered, resting, stretch)
+            if fed is not None:
                 w = w + self._margins(dt, arm.J, tip, fed / _FEEDFORWARD_SHARE)[0] * fed
             if float(w @ tip.v) > 0.0:  # no more
                 lost += (1.0 - moving) * float(w @ (tip.v - tip.v_d))
@@ -390,17 +339,13 @@ class ComplianceControl(EffortControl):
         ddq_0 = self.dynamics.null_acceleration(arm.q, arm.dq)
         ddq_d = joint_acceleration(state, a_d, self.dynamics.inverse, ddq_0)  # (33)
         ddq = ddq_d + tip.M @ (w + tip.damping)
-        mode = tip.rate, tip.turning
-        return ddq, x_de, SpringDamperState(f, mu, energy, lost, excess, lowered, mode)
+        return ddq, x_de, SpringDamperState(f, mu, energy, lost, excess, self._lowered)
 
     def _margins(self, dt: float, J: Array, tip: TipWrench, w: Array) -> tuple[float, float]:
         """Return the parts of a wrench w (6,) that may drive a tip at rest, and this one."""
-        a, time = tip.mobility @ w, release_time(J.T @ w, self.dynamics.rate)
-        if release_share(tip.v, a, _ZERO, self._speeds, time, dt) == 1.0:
-            return 1.0, 1.0  # also with dampers
+        a = tip.mobility @ w
         b = tip.mobility @ (tip.springs.F @ (tip.E @ a))
-        resting = release_share(_ZERO, a, b, self._speeds, time, dt)
-        return resting, release_share(tip.v, a, b, self._speeds, time, dt)
+        return release_margins(tip.v, a, b, self._speeds, J.T @ w, self.dynamics.rate, dt)
 
     @property
     def fastest_gain(self) -> LoopGain | None:
@@ -412,11 +357,7 @@ class ComplianceControl(EffortControl):
         return LoopGain(name, float(np.linalg.eigvalsh(K)[-1]), rate, order=2)
 
     def lyapunov(self, tick: Tick) -> Lyapunov:
-        """Return the energy of the motion and of the springs [J], and what the dampers take [W].
-
-        V = u' Lambda u / 2 + U, u = v - v_d, of which without contact -u' D u remains at low
-        speeds.
-        """
+        """Return V = u' Lambda u / 2 + U [J] with u = v - v_d, and what the dampers take [W]."""
         arm, desired, effects = tick.state, tick.desired, tick.effects
         u = np.concatenate((arm.dp_e - desired.dp_d, arm.omega_e - desired.omega_d))
         B = self.robot.dynamic_state(arm.q, arm.dq).B

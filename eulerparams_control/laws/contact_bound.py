@@ -14,6 +14,7 @@ and a contact is stable with a margin of 2 (6 dB) up to half of that (Nyquist).
 
 import cmath
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -22,19 +23,15 @@ from eulerparams_control.laws.impedance_matrices import Impedance
 MARGIN = 2.0
 """The ratio of the stiffness at which the contact oscillates to the stiffest one."""
 
-# Halvings of the interval in which the frequency lies.
-_HALVINGS = 100
+# Where no value up to this will do, none does; halvings of the interval in which one lies.
+_NEVER, _HALVINGS = 1e9, 100
 
 
 def stiffest_contact(Z: Impedance, lag: float, delay: float) -> float:
     """Return the stiffness [N/m] of the stiffest contact that is stable with the margin, (CB2).
 
-    Along each axis of the damping; those of M and K should be the same.  inf: any.
-
-    Args:
-        Z: M_p, D_p, K_p.
-        lag, delay: tau and T [s] with which the tip follows the compliant frame, the delay of the
-            sensor in it.
+    Along each axis of the damping; those of M and K should be the same.  inf: any.  The delay T [s]
+    has that of the sensor in it.
     """
     _, axes = np.linalg.eigh(Z.D)
     along = (tuple(float(u @ A @ u) for A in (Z.M, Z.D, Z.K)) for u in axes.T)
@@ -44,29 +41,30 @@ def stiffest_contact(Z: Impedance, lag: float, delay: float) -> float:
 def _along(M: float, D: float, K: float, lag: float, delay: float) -> float:
     """Return the stiffness [N/m] at which the contact oscillates along an axis."""
 
-    def late(w: float) -> float:
-        """Return minus the phase [rad] of P(i w), which grows with w."""
-        return w * delay + math.atan(w * lag) + math.atan2(D * w, K - M * w * w)
+    def is_late(w: float) -> bool:
+        """Return whether the phase of P(i w), which falls with w, is -pi or less."""
+        return w * delay + math.atan(w * lag) + math.atan2(D * w, K - M * w * w) >= math.pi
 
-    low, high = 0.0, 1.0
-    while late(high) < math.pi:
-        high *= 2.0
-        if high > 1e9:
-            return math.inf  # it is not late
-    for _ in range(_HALVINGS):
-        middle = (low + high) / 2.0
-        low, high = (middle, high) if late(middle) < math.pi else (low, middle)
-    s = 1j * high
+    w = _least(is_late)
+    if math.isinf(w):
+        return w
+    s = 1j * w
     return abs((1.0 + s * lag) * (M * s * s + D * s + K) * cmath.exp(s * delay))
 
 
 def damping_for(stiffness: float, M: float, lag: float, delay: float) -> float:
     """Return the damping [Ns/m] with which a contact of a stiffness [N/m] is stable, (CB2)."""
+    return _least(lambda D: _along(M, D, 0.0, lag, delay) >= MARGIN * stiffness)
+
+
+def _least(will_do: Callable[[float], bool]) -> float:
+    """Return the least value that will do, as all larger ones; inf if none does."""
     low, high = 0.0, 1.0
-    while _along(M, high, 0.0, lag, delay) < MARGIN * stiffness:
+    while not will_do(high):
         high *= 2.0
+        if high > _NEVER:
+            return math.inf
     for _ in range(_HALVINGS):
         middle = (low + high) / 2.0
-        stable = _along(M, middle, 0.0, lag, delay) >= MARGIN * stiffness
-        low, high = (low, middle) if stable else (middle, high)
+        low, high = (low, middle) if will_do(middle) else (middle, high)
     return high

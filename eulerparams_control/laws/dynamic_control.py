@@ -61,9 +61,6 @@ def resolved_acceleration(
         orientation: (38) with Euler angles, (40) with Euler parameters, or another.
         x_before: x_de of the tick before, or None.
         gains: k_Pp [1/s^2], k_Vp [1/s], k_Po [1/s^2], k_Vo [1/s].
-
-    Raises:
-        SingularityError: if the representation has no finite answer.
     """
     p_d, R_d, dp_d, omega_d, ddp_d, domega_d = desired
     k_Pp, k_Vp, k_Po, k_Vo = gains
@@ -75,27 +72,23 @@ def resolved_acceleration(
 
 
 class EffortControl(Scheme):
-    """Base of the schemes that command efforts: inverse dynamics, limits, and the hold.
+    """Base of the schemes that command efforts: inverse dynamics, limits, and the hold."""
 
-    Raises:
-        ConfigurationError: if the posture or the friction has the wrong size.
-        RobotError: if the model of the robot cannot give its efforts.
-    """
-
+    hold_rate = _HOLD_RATE
     blend_time = 0.1  # [s] in which the command goes over to a law that replaces another
     parameters: "EffortParameters"
     orientation: OrientationRepresentation
 
     def __init__(self, robot: Robot, parameters: "EffortParameters") -> None:
         self.robot = robot
-        self._blend = Blend(self.blend_time, robot.n)
+        self._blend = Blend(self.blend_time)
         self.dynamics = InverseDynamics(robot)
         self._take(parameters)
         self.reset(np.zeros(robot.n))
 
     def _take(self, parameters: Any) -> None:
         limits, orientation = parameters.limits(self.robot), parameters.representation()
-        self.dynamics.take(parameters)
+        self.dynamics.change(parameters)
         self.parameters, self.orientation, self.limits = parameters, orientation, limits
         self._motion = parameters.motion_limits()
 
@@ -103,14 +96,9 @@ class EffortControl(Scheme):
     def _accelerate(
         self, dt: float, state: DynamicState, desired: DesiredFrame
     ) -> tuple[Array, Any, Any]:
-        """Return ddq (n,) [rad/s^2] of the law, x_de, and the effects of a :class:`Tick`.
-
-        Raises:
-            SingularityError: if the law has no finite answer.
-        """
+        """Return ddq (n,) [rad/s^2] of the law, x_de, and the effects of a :class:`Tick`."""
 
     def _excess(self, dq: Array, ddq: Array, effects: Any) -> float:
-        """Return that of a :class:`Tick`."""
         return 1.0 if self.limits is None else self.limits.excess_after(dq, ddq)
 
     def _effort_limits(self) -> JointLimits | None:
@@ -127,11 +115,6 @@ class EffortControl(Scheme):
 
     def _forget_x(self) -> None:
         self._x_de: Any = None
-
-    @property
-    def hold_rate(self) -> float:
-        """The rate [1/s] of the loop by which the joints are held."""
-        return _HOLD_RATE
 
     @property
     def bounds(self) -> Bounds:
@@ -171,25 +154,20 @@ class EffortControl(Scheme):
     def hold(self, dt: float, q: Array, dq: Array, w: Array | None = None) -> JointCommand:
         """Return efforts that stop the joints, and hold them there: see :class:`JointHold`.
 
-        It needs no orientation.  Friction, which helps to stop, is not compensated.
-
-        Args:
-            dt, q, dq: as for :meth:`tick`.
-            w: (6,) the contact as it is measured, base frame, about the tip; or None.
+        It needs no orientation.  Friction, which helps to stop, is not compensated.  The contact
+        w (6,) is measured, base frame, about the tip; None: it is estimated.
         """
         state, dynamics = self.robot.dynamic_state(q, dq), self.dynamics
         self._leave_the_law(state.arm.q)
         added = dynamics.added(state)
         last = dynamics.acting(state.C_dq + state.g - added)
-        e_now = dynamics.observe(dt, state)
-        joints = self.limits or self.robot.limits
+        e_now, e = dynamics.observe(dt, state), dynamics.external
+        limits, rate, length = self.limits or self.robot.limits, dynamics.rate, self.robot.length
         if self._hold is None:
-            length, drove_in = self.robot.length, self._contact.drove_in
-            self._hold = JointHold(
-                joints, dynamics.rate, length, state, dynamics.external, w, drove_in
-            )
-        self._hold.bound(joints, dynamics.rate)
-        tau = self._hold.effort(dt, state, e_now, dynamics.external, w) - added
+            drove_in = self._contact.drove_in
+            self._hold = JointHold(limits, rate, length, state, e, w, drove_in)
+        self._hold.limits, self._hold.rate = limits, rate
+        tau = self._hold.effort(dt, state, e_now, e, w) - added
         tau = dynamics.ramped(dt, tau, last)[0]
         zero = np.zeros_like(tau)
         if not math.isfinite(tau @ tau):  # the measured state gives no finite efforts
@@ -204,18 +182,8 @@ class EffortControl(Scheme):
         tau = state.g - self.dynamics.added(state)
         return JointCommand(effort=self.robot.limits.limit_effort(tau)[0])
 
-    def start_frame(self) -> DesiredFrame:
-        """Return the pose of the tip at the measured q."""
-        return self.frame_at(self._q)
-
     def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
-        """Return the efforts for this instant.
-
-        Raises:
-            RobotError: if q or dq has not n elements.
-            SingularityError: if the law has no finite answer.
-            FollowingError: if the tip is too far from the desired frame.
-        """
+        """Return the efforts for this instant; raises SingularityError, FollowingError."""
         state = self.robot.dynamic_state(q, dq)
         tick = self.follow(dt, state, desired)
         self.note_contact(dt, state.arm, desired, None, self.is_pressing)
@@ -224,25 +192,17 @@ class EffortControl(Scheme):
     def follow(
         self, dt: float, state: DynamicState, desired: DesiredFrame, h: Array | None = None
     ) -> Tick:
-        """Return the efforts for a state of the arm, also against a contact, eq. (48).
-
-        Args:
-            dt: [s] after the tick before.
-            state: of the arm.
-            desired: the desired frame.
-            h: (6,) [N, Nm] what the end effector exerts on the environment; or None.
-        """
+        """Return the efforts for a state of the arm, also against a contact h (6,), eq. (48)."""
         arm, dynamics = state.arm, self.dynamics
         self._q, self._hold = arm.q, None
         ddq, x_de, effects = self._accelerate(dt, state, desired)
         if self.limits is not None:
             refuse_error(desired, arm, self.parameters)
-        ddq = self._blend(dt, ddq)
         if not math.isfinite(ddq @ ddq):
             raise SingularityError("the law asks for an infinite joint acceleration")
+        ddq = self._blend(dt, ddq)
         excess = self._excess(arm.dq, ddq, effects)
         self._saturated = dynamics.command(dt, state, ddq, h, self._effort_limits())
-        self._blend.keep()
         self._x_de = x_de
         command = JointCommand(effort=dynamics.tau)
         return Tick(command, desired, arm, x_de, self._saturated, excess, None, effects)
@@ -257,11 +217,8 @@ class EffortControl(Scheme):
     ) -> None:
         """Sum up the work on a contact: of the motion, and of the environment on the arm.
 
-        Args:
-            dt: [s] since the tick before.
-            arm, desired: the arm, and the frame that leads it.
-            force: (3,) [N] of the contact on the tip as it is measured; None: it is estimated.
-            presses: whether the arm is commanded to exert a force.
+        The force (3,) [N] on the tip is measured; None: it is estimated.  ``presses`` is whether
+        the arm is commanded to exert one.
         """
         e, is_measured = self.dynamics.external, force is not None
         if force is None:
@@ -306,7 +263,7 @@ class DynamicControl(EffortControl):
     def _gains(
         self, state: DynamicState, desired: DesiredFrame
     ) -> tuple[float, float, float, float]:
-        """Return k_Pp, k_Vp, k_Po, k_Vo, smaller k_P where errors are large: see :func:`braked`."""
+        """Return the gains of the law, smaller k_P where errors are large: see :func:`braked`."""
         p, motion, slope = self.parameters, self._motion, self.orientation.slope
         if motion is None:
             return p.k_Pp, p.k_Vp, p.k_Po, p.k_Vo
@@ -331,13 +288,8 @@ def braked(k_P: float, k_V: float, e: float, speed: float, a: float, resisted: f
 
     An error e [m or rad] asks for the speed k_P e / k_V: no more than that from which the tip stops
     where e is 0, within its speed and its acceleration a.  Otherwise bounded accelerations would
-    make it swing.
-
-    Args:
-        k_P, k_V: gains [1/s^2], [1/s].
-        e: the error.
-        speed, a: limits of the tip.
-        resisted: acceleration with which a disturbance holds the tip back; k_P e may balance it.
+    make it swing.  ``resisted`` is the acceleration with which a disturbance holds the tip back:
+    k_P e may balance it.
     """
     v = approach(e, k_P / max(k_V, _LEAST_DAMPING), speed, a)
     if math.isinf(v) or k_P * e <= k_V * v + resisted:
@@ -373,6 +325,6 @@ class NoMotionLoop:
     last_command = hold
 
     def bound(self, *_: Any) -> None:
-        """There are no joints that are commanded, no efforts, and no rates."""
+        """Do nothing: no joints are commanded."""
 
     reset = resume = start_from = skip = note_contact = bound

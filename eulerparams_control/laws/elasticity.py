@@ -61,23 +61,19 @@ class Elasticity:
         clip_rotation: float = math.inf,
         frame: str = "base",
     ) -> None:
-        _spring("K_p", K_p)
-        rotation = _spring("K_o", K_o)
+        _, stiff_p, clip_p = _spring("K_p", K_p, _LEAST_K_p, clip_position)
+        rotation, stiff_o, clip_o = _spring("K_o", K_o, _LEAST_K_o, clip_rotation)
         self.orientation, self.K_p, self.K_o, self.frame = orientation, K_p, K_o, frame
         self.clip_position, self.clip_rotation = clip_position, clip_rotation
-        self.clips = np.array((_in_metric(K_p, clip_position), _in_metric(K_o, clip_rotation)))
+        self.clips = np.array((clip_p, clip_o))
         self._K_x = orientation.impedance(rotation).K
-        damped = orientation.impedance(replace(rotation, K=_raised(K_o, _LEAST_K_o))).K
-        self._F_p = np.linalg.cholesky(_raised(K_p, _LEAST_K_p))
-        self._F_x = np.linalg.cholesky(damped)
+        self._F_p = np.linalg.cholesky(stiff_p.K)
+        self._F_x = np.linalg.cholesky(orientation.impedance(stiff_o).K)
 
     def wrench(
         self, p_e: Array, R_e: Array, desired: DesiredFrame, clip_share: float = 1.0
     ) -> SpringWrench:
-        """Return the elastic wrench on a tip at p_e (3,), R_e (3, 3).
-
-        Clips are at the part ``clip_share`` of where they are stated.
-        """
+        """Return the wrench on a tip, clips being at the part ``clip_share`` of the stated ones."""
         R_d, dp_de, F = desired.R_d, desired.p_d - p_e, np.zeros((6, 6))  # (21)
         f = self.stiffness(R_d) @ dp_de
         turned = self.orientation.spring(R_d, R_e, self._K_x)  # (56), (60), (66)
@@ -94,10 +90,7 @@ class Elasticity:
         return self.K_p if self.frame == "base" else R_d @ self.K_p @ R_d.T
 
     def refuse_force(self, force: Array, R_d: Array) -> None:
-        """Raise ConfigurationError for a force (3,) [N], base frame, that the springs do not hold.
-
-        Without a contact they have to, within their clip.
-        """
+        """Raise ConfigurationError for a force (3,) [N], base frame, beyond what springs hold."""
         K, size = self.stiffness(R_d), norm(force)
         x = np.linalg.pinv(K) @ force
         is_held = norm(K @ x - force) < _TINY + _NULL_STIFFNESS * size
@@ -126,22 +119,13 @@ def clipped(energy: float, clip: float) -> tuple[float, float, float]:
     return 1.0, s / clip, energy
 
 
-def _spring(name: str, K: Array) -> Impedance:
-    """Return the impedance of a stiffness alone; raises ConfigurationError unless it is one."""
+def _spring(name: str, K: Array, least: float, clip: float) -> tuple[Impedance, Impedance, float]:
+    """Return the impedance of K alone, that with no softer axis, and the clip in its metric."""
     try:
-        return Impedance(np.eye(3), np.zeros((3, 3)), K)
+        spring = Impedance(np.eye(3), np.zeros((3, 3)), K)
     except ConfigurationError as error:
         raise ConfigurationError(f"{name}: {error}") from error
-
-
-def _in_metric(K: Array, x: float) -> float:
-    """Return the size of a displacement by x along the stiffest axis, in the metric of K."""
-    stiffest = float(np.linalg.eigvalsh(K)[-1])
-    return x * math.sqrt(stiffest) if stiffest > 0 else 0.0
-
-
-def _raised(K: Array, least: float) -> Array:
-    """Return a stiffness (3, 3) of which no axis is softer than ``least``."""
     values, axes = np.linalg.eigh(K)
-    raised: Array = (axes * np.maximum(values, least)) @ axes.T
-    return raised
+    raised = replace(spring, K=(axes * np.maximum(values, least)) @ axes.T)
+    stiffest = float(values[-1])
+    return spring, raised, clip * math.sqrt(stiffest) if stiffest > 0 else 0.0

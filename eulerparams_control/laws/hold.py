@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws.inverse import matrix_product, symmetric_modes
-from eulerparams_control.laws.jit import f8, jit, matrix, new_matrix
+from eulerparams_control.laws.inverse import damped_inverse
 from eulerparams_control.laws.limits import JointLimits, factor_within
 from eulerparams_control.laws.rotations import Array, dot, norm
 from eulerparams_control.robot.robot import DynamicState
@@ -59,22 +58,16 @@ _BRAKING_TIME, _SLOW = 0.05, 0.05
 _AGAINST_PART, _BLOCKED_PART = 0.3, 0.5
 # Time [s] in which the work on a contact that has ended is forgotten: it may come back.
 _FORGET_TIME = 0.1
-# Singular values below this part of the largest are none.
-_RANK = 0.05
+# Directions in which the tip can hardly move are damped from this singular value on, by this.
+_HARDLY_MOVES, _DAMPING = 0.1, 0.1
 
 
 class ContactWork(NamedTuple):
-    """Who did the work on a contact.
+    """Who did the work on a contact."""
 
-    Attributes:
-        driven: [J] by the motion that the arm follows, against the force.
-        pushed: [J] by the environment, which moved the tip.
-        presses: whether the arm is told to exert the force.
-    """
-
-    driven: float = 0.0
-    pushed: float = 0.0
-    presses: bool = False
+    driven: float = 0.0  # [J] by the motion that the arm follows, against the force
+    pushed: float = 0.0  # [J] by the environment, which moved the tip
+    presses: bool = False  # whether the arm is commanded to exert the force
 
     @property
     def drove_in(self) -> bool:
@@ -90,10 +83,7 @@ class ContactWork(NamedTuple):
         dp_e: Array,
         presses: bool,
     ) -> "ContactWork":
-        """Return the work after dt [s] in which a force (3,) [N] acted on the tip.
-
-        dp_d, dp_e (3,) [m/s] are the velocities of the motion and of the tip.
-        """
+        """Return the work after dt [s] in which a force (3,) [N] acted on the tip."""
         size = norm(force)
         if size < least_contact(is_measured, dp_e):
             left = math.exp(-dt / _FORGET_TIME)
@@ -120,7 +110,8 @@ class JointHold:
     Where nothing is touched they brake within their accelerations.
 
     Args:
-        limits, rate: see :meth:`bound`.
+        limits: of the joints, to which it keeps.
+        rate: (n,) [Nm/s] at which efforts may change.
         length: [m] characteristic length of the arm.
         state, e, w: the arm when this begins, and the contact as it is estimated and measured.
         drove_in: whether the arm drove into what it touches: that is let go.
@@ -140,8 +131,7 @@ class JointHold:
         self._phase, self._left = _Phase.HELD, 0.0  # [s] to brake
         self._q_b, self._dq_b, self._ddq_b = state.arm.q.copy(), np.zeros(n), np.zeros(n)
         self._fastest, self._most = _LATE_RATE, math.inf
-        self.bound(limits, rate)
-        self._length, self._drove_in = length, drove_in
+        self.limits, self.rate, self._length, self._drove_in = limits, rate, length, drove_in
         self._unmeasured = e if w is None else np.zeros(n)
         self._w, self._balanced = w, np.zeros(6) if w is None else w
         self._period, self._is_new = 0.0, True
@@ -156,36 +146,25 @@ class JointHold:
         else:
             self._brake(state.arm.q, state.arm.dq)
 
-    def bound(self, limits: JointLimits, rate: Array) -> None:
-        """Keep to limits of the joints, and to rates (n,) [Nm/s] of the efforts, from now on."""
-        self._limits = limits
-        self._E = np.where(np.isfinite(limits.effort), limits.effort, _UNLIMITED_EFFORT)
-        self._rate_bound = float((rate / (_PART_OF_LIMIT * self._E)).min())
-
     def effort(
         self, dt: float, state: DynamicState, e_now: Array, e: Array, w: Array | None
     ) -> Array:
         """Return the efforts (n,) that hold the joints, all terms of eq. (32) among them.
 
         tau = C dq + g + x + B ddq_b + D (dq_b - dq) + K (q_b - q), with K = P w^2 P', D = 2 P w P'
-        and x = -J'w - the part of e that is not measured.
-
-        Args:
-            dt: [s] since the state before.
-            state, w: of the arm, and the contact as it is measured, or None.
-            e_now: (n,) over that time; e: the same, estimated over some more.
+        and x = -J'w - the part of e that is not measured: e_now over the last dt [s], e over more.
         """
-        arm, B, E = state.arm, state.B, self._E
-        self._period += (dt - self._period) * (0.1 if self._period > 0 else 1.0)
+        arm, B, E = state.arm, state.B, self.limits.effort
+        E = np.where(np.isfinite(E), E, _UNLIMITED_EFFORT)
         w_i, V = _modes(B, E / _FULL_EFFORT_DEVIATION)
-        w_i = np.minimum(w_i, self._largest_rate(dt, arm.dq))
+        w_i = np.minimum(w_i, self._largest_rate(dt, arm.dq, E))
         P = B @ V
         K, D = (P * w_i**2) @ P.T, (P * 2 * w_i) @ P.T
         self._measure(dt, state, w)
         self._observe(dt, state, w_i, V, P, e_now, e)
         self._go_on(0.0 if self._is_new else dt, state, self._force(state, e))
         self._is_new = False
-        away = self._limits.difference(self._q_b, arm.q)
+        away = self.limits.difference(self._q_b, arm.q)
         away *= factor_within(np.zeros_like(E), K @ away, E)  # where more is asked it yields
         self._q_b = arm.q + away
         weight = state.C_dq + state.g
@@ -195,16 +174,18 @@ class JointHold:
         tau: Array = balance + factor_within(balance, holds, E) * holds
         return np.clip(tau, -E, E)  # the weight alone may be beyond
 
-    def _largest_rate(self, dt: float, dq: Array) -> float:
+    def _largest_rate(self, dt: float, dq: Array, E: Array) -> float:
         """Return the largest w_i that period, effort rate and latency bear."""
-        largest = min(self._rate_bound, _RATE_TIMES_PERIOD / (self._period or _UNKNOWN_PERIOD))
+        self._period += (dt - self._period) * (0.1 if self._period > 0 else 1.0)
+        by_efforts = float((self.rate / (_PART_OF_LIMIT * E)).min())
+        largest = min(by_efforts, _RATE_TIMES_PERIOD / (self._period or _UNKNOWN_PERIOD))
         if self._swing.swings(dt, dq):
             self._most = max(self._fastest / 2, _SLOWEST)
         self._fastest = min(math.exp(dt / _RISE_OF_RATE) * self._fastest, self._most, largest)
         return self._fastest
 
     def _measure(self, dt: float, state: DynamicState, w: Array | None) -> None:
-        """Go on to the contact that is measured now; one that is no more is unmeasured."""
+        """Balance the contact that is measured now; one that is no more is unmeasured."""
         J = state.arm.J
         if (w is None) != (self._w is None):
             before = np.zeros(6) if w is None else w
@@ -242,7 +223,7 @@ class JointHold:
 
     def _go_on(self, dt: float, state: DynamicState, force: Array) -> None:
         """Move q_b, dq_b on, and decide how they go on from there."""
-        arm, limits, size = state.arm, self._limits, norm(force)
+        arm, limits, size = state.arm, self.limits, norm(force)
         q_b = self._q_b + dt * (self._dq_b + dt / 2 * self._ddq_b)
         self._q_b = np.clip(q_b, np.minimum(limits.lower, arm.q), np.maximum(limits.upper, arm.q))
         self._dq_b = self._dq_b + dt * self._ddq_b
@@ -276,13 +257,13 @@ class JointHold:
         if not self._drove_in or size < _CLAMP_FORCE:
             self._hold_at(arm.q)
             return
-        dq_b = speeds_of_point(arm.J, self._length) @ (_RETREAT_SPEED * force / size)
+        dq_b = _speeds(arm.J, self._length) @ (_RETREAT_SPEED * force / size)
         fastest = float(np.abs(dq_b).max())
         self._dq_b = dq_b * min(1.0, _RETREAT_JOINT_SPEED / max(fastest, _SLOW))
 
     def _brake(self, q: Array, dq: Array) -> None:
         """Brake from q, dq (n,) on; at once where no acceleration is too large."""
-        lasts = self._limits.stop_time(dq)
+        lasts = self.limits.stop_time(dq)
         if lasts == 0:
             self._hold_at(q)
             return
@@ -294,11 +275,9 @@ class JointHold:
         self._dq_b = self._ddq_b = np.zeros_like(q)
 
     def _touches(self, dp_e: Array, force: Array) -> bool:
-        """Return whether a force (3,) [N] on the tip is that of a contact."""
         return norm(force) > least_contact(self._w is not None, dp_e) + self._friction_force
 
     def _force(self, state: DynamicState, e: Array) -> Array:
-        """Return the force (3,) [N] of the contact on the tip."""
         return contact_force(state.arm.J, e, self._length) if self._w is None else self._w[:3]
 
 
@@ -335,30 +314,13 @@ def least_contact(is_measured: bool, dp_e: Array) -> float:
 
 
 def contact_force(J: Array, e: Array, length: float) -> Array:
-    """Return the force (3,) [N] on the tip that exerts e (n,) on the joints, as far as one can.
-
-    Directions in which the tip can hardly move, ``length`` [m] weighing turns, have none.
-    """
-    return speeds_of_point(J, length).T @ e
+    """Return the force (3,) [N] on the tip that exerts e (n,) on the joints, as far as one can."""
+    return _speeds(J, length).T @ e
 
 
-@jit(new_matrix(matrix, f8))
-def speeds_of_point(J: Array, length: float) -> Array:
-    """Return J^+ (n, 3) of the velocity of the tip, without turning, of J (6, n).
-
-    It is A' U diag(1 / sigma^2) U' diag(scale) with A = diag(scale) J, A A' = U diag(sigma^2) U';
-    where sigma is small it is taken for infinite, so that the direction is lost.
-    """
-    A, U, speeds = J.copy(), np.empty((6, 6)), np.zeros((J.shape[1], 3))
-    A[:3] /= length
-    modes = matrix_product(A, A.T)
-    symmetric_modes(modes, U)
-    joints, squares = matrix_product(A.T, U), np.diag(modes)
-    for k in range(6):
-        if squares[k] > _RANK * _RANK * squares.max():
-            for i in range(J.shape[1]):
-                speeds[i] += joints[i, k] / squares[k] / length * U[:3, k]
-    return speeds
+def _speeds(J: Array, length: float) -> Array:
+    """Return J* (n, 3) of the velocity of the tip, without turning."""
+    return damped_inverse(J, _HARDLY_MOVES, _DAMPING, length)[:, :3]
 
 
 def _modes(B: Array, K: Array) -> tuple[Array, Array]:

@@ -82,10 +82,11 @@ class ImpedanceControl(Scheme):
         self.contact = ContactWatch(parameters)
         self.force = ForceControl(parameters)
         self.damping, self._free = 1.0, 0.0
-        self._blend = Blend(_BLEND_TIME, 6)  # to a wrench that is made otherwise
-        self._fade = Blend(_BLEND_TIME, 6)  # of h, to and from no wrench
+        self._blend = Blend(_BLEND_TIME)  # to a wrench that is made otherwise
+        self._fade = Blend(_BLEND_TIME)  # of h, to and from no wrench
         self._sensed: SensedWrench | None = None
         self.is_frozen, self.loop_rate = True, self.motion.loop_rate
+        self.hold_rate = self.motion.hold_rate
         self._balance = _NO_WRENCH  # the contact at the last restart
         self.reset(np.zeros(robot.n))
 
@@ -226,10 +227,6 @@ class ImpedanceControl(Scheme):
         desired = DesiredFrame(frame.p_d - x, exp(-turn) @ frame.R_d)
         return desired.carrying(self.centre.inverse)
 
-    def start_frame(self) -> DesiredFrame:
-        """Return the desired frame with which the tip stays where it was measured."""
-        return self.frame_at(self._q)
-
     def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
         """Return the efforts and the compliant frame for this instant.
 
@@ -272,11 +269,9 @@ class ImpedanceControl(Scheme):
             _refuse_contact(norm(w[:3]), p.max_contact_force, "N", "max_contact_force")
             _refuse_contact(norm(w[3:]), p.max_contact_torque, "Nm", "max_contact_torque")
         w = self._blend(dt, w)
-        self._blend.keep()
         # A wrench that returns acts on the impedance at once, since it balances K_p p_cd; only its
         # compensation in (48) fades in.
         h = -self._fade(dt, w)
-        self._fade.keep()
         self._w, self._h = w, h
         watched = w
         if self.force.is_on:  # its swing is commanded: no oscillation
@@ -383,11 +378,6 @@ class ImpedanceControl(Scheme):
     def fastest_gain(self) -> LoopGain | None:
         """That of the motion loop."""
         return self.motion.fastest_gain
-
-    @property
-    def hold_rate(self) -> float:
-        """That of the motion loop."""
-        return self.motion.hold_rate
 
     def start_from(self, effort: Array | None) -> None:
         """Begin at the efforts (n,) that the robot reports, if it does."""

@@ -31,13 +31,9 @@ _LEAST_INERTIA = 1e-7
 def joint_acceleration(
     state: DynamicState, a: Array, inverse: DampedInverse, ddq_0: Array
 ) -> Array:
-    """Return ddq (n,) = J^-1 (a - dJ dq), which gives the tip the acceleration a, eq. (33).
+    """Return ddq (n,) = J^-1 (a - dJ dq), which gives the tip the acceleration a (6,), eq. (33).
 
-    Args:
-        state: J and dJ dq of the arm.
-        a: (6,) [m/s^2, rad/s^2] of the tip, base frame.
-        inverse: J* of J, refs. [16], [17].
-        ddq_0: (n,) which the null space of J follows.
+    The null space of J follows ddq_0 (n,).  The inverse is J*, refs. [16], [17].
     """
     J = state.arm.J
     ddq: Array = ddq_0 + inverse(J) @ (a - state.dJ_dq - J @ ddq_0)  # (33)
@@ -60,18 +56,15 @@ class InverseDynamics:
         dq: (n,) speeds in the tick before; None where they are not known.
         external: (n,) e as it is estimated by eq. (32).
         drift: (n,) by how much [rad/s^2] the joints accelerate more than commanded.
-
-    Raises:
-        RobotError: if the model of the robot cannot give its efforts.
     """
 
     def __init__(self, robot: Robot) -> None:
         self.robot, self._zero = robot, np.zeros(robot.n)
-        check_model(robot)
+        refuse_model(robot)
         self._start: Array | None = None
         self.reset()
 
-    def take(self, parameters: "EffortParameters") -> None:
+    def change(self, parameters: "EffortParameters") -> None:
         """Go over to other parameters; if they are refused, the ones before stay in force."""
         robot = self.robot
         friction, posture = parameters.friction_of(robot), parameters.posture_of(robot)
@@ -129,17 +122,10 @@ class InverseDynamics:
         h: Array | None,
         limits: JointLimits | None,
     ) -> bool:
-        """Set ``tau`` and ``ddq`` for this instant; return whether a limit changed them.
+        """Set ``tau`` for ddq (n,) and h (6,); return whether one of the limits changed it.
 
         One factor cuts all efforts: from C dq + g on for their limits, from the efforts that act
         on for their rates.
-
-        Args:
-            dt: [s] since the efforts before.
-            state: of the arm.
-            ddq: (n,) wanted.
-            h: (6,) or None: nothing is touched.
-            limits: of the accelerations and efforts; None: there are none.
         """
         arm, slowed, cut, is_ramped = state.arm, False, False, False
         self.observe(dt, state)
@@ -150,17 +136,18 @@ class InverseDynamics:
             tau = tau + self._friction.effort(arm.dq)  # d of (33)
         if not math.isfinite(tau @ tau):
             raise SingularityError("the joints are measured at a state of infinite efforts")
-        if limits is not None:
+        added = self.added(state)
+        if limits is None:
+            tau = tau - added
+        else:
             tau, cut = cut_from(state.C_dq + state.g, tau, limits.effort)
-        tau = tau - self.added(state)
-        if limits is not None:
             weight = state.g if self._parameters.compensate_gravity else self._zero
-            tau, is_ramped = self.ramped(dt, tau, self.acting(weight))
+            tau, is_ramped = self.ramped(dt, tau - added, self.acting(weight))
         self.keep(tau, ddq, arm.dq, is_obeyed=not (cut or is_ramped))
         return slowed or cut or is_ramped
 
     def keep(self, tau: Array, ddq: Array, dq: Array, *, is_obeyed: bool) -> None:
-        """Keep the efforts and accelerations that act until the next tick, and dq (n,)."""
+        """Keep what acts until the next tick, and the speeds dq (n,)."""
         self.tau, self.ddq, self.dq, self._is_obeyed = tau, ddq, dq, is_obeyed
         self._start = None
 
@@ -203,7 +190,7 @@ def cut_from(base: Array, tau: Array, most: Array) -> tuple[Array, bool]:
     return np.minimum(np.maximum(base + factor * (tau - base), -most), most), True
 
 
-def check_model(robot: Robot) -> None:
+def refuse_model(robot: Robot) -> None:
     """Raise RobotError unless the URDF has what inverse dynamics needs."""
     efforts = zip(robot.joints, robot.limits.effort, strict=True)
     weak = [joint for joint, most in efforts if not most > 0]

@@ -38,7 +38,7 @@ class Tick(NamedTuple):
     """One tick of a scheme.
 
     Attributes:
-        state: kinematics of the arm on which the loop was closed.
+        state: the kinematics on which the loop was closed.
         x_de: orientation displacement of the representation, eqs. (22), (27).
         saturated: whether a limit changed the command.
         excess: ratio, >= 1, of the joint speeds or the stretch of a spring that the law asks for to
@@ -103,11 +103,13 @@ class Scheme(ABC):
     Attributes:
         is_frozen: whether the desired motion has to wait: what it needs is not known.
         loop_rate: [1/s] of the loop of the fastest gain; 0 if no loop is closed here.
+        hold_rate: [1/s] of the loop by which :meth:`hold` holds the arm; 0 if there is none.
     """
 
     robot: Robot
     is_frozen = False
-    loop_rate = 0.0
+    loop_rate = hold_rate = 0.0
+    _q: Array  # (n,) where the tip has no error after a reset, or while it holds
 
     def rehearse(self) -> None:
         """Make two ticks at zero, and hold: the first time is not while an arm moves."""
@@ -122,17 +124,22 @@ class Scheme(ABC):
         arm = self.robot.state(q, np.zeros_like(q))
         return DesiredFrame(arm.p_e, arm.R_e)
 
+    def start_frame(self) -> DesiredFrame:
+        """Return the frame at which the scheme has zero error after a reset, or while it holds."""
+        return self.frame_at(self._q)
+
     @property
+    @abstractmethod
     def bounds(self) -> Bounds:
-        """Bounds on the commands: the limits of the robot, unless the scheme has others."""
-        return Bounds(self.robot.limits)
+        """The bounds on all commands."""
 
     @property
     def is_pressing(self) -> bool:
         """Whether it exerts a force, or is to: see ``target_wrench``."""
         return False
 
-    def bound(self, joints: JointLimits) -> None:  # noqa: B027  not all have limits
+    @abstractmethod
+    def bound(self, joints: JointLimits) -> None:
         """Keep to limits of the joints from the next tick on."""
 
     def start_from(self, effort: Array | None) -> None:  # noqa: B027  not all command efforts
@@ -146,23 +153,18 @@ class Scheme(ABC):
     def reset(self, q: Array) -> None:
         """Forget the past; begin at the measured positions q (n,)."""
 
+    @abstractmethod
     def resume(self, q: Array) -> None:
         """Restart at the measured q (n,) while the last command still acts."""
-        self.reset(q)
 
     @abstractmethod
     def hold(self, dt: float, q: Array, dq: Array) -> JointCommand:
         """Return the command that holds the arm still, also where the law has failed."""
 
     @property
+    @abstractmethod
     def fastest_gain(self) -> LoopGain | None:
         """The gain that asks for the most states a second; None if no loop is closed here."""
-        return None
-
-    @property
-    def hold_rate(self) -> float:
-        """The rate [1/s] of the loop by which :meth:`hold` holds the arm; 0 if there is none."""
-        return 0.0
 
     def skip(self) -> None:  # noqa: B027  most schemes keep no rates
         """Forget what rates are taken of: the next tick comes later than its dt says."""
@@ -173,16 +175,12 @@ class Scheme(ABC):
         return 0.0
 
     @abstractmethod
-    def start_frame(self) -> DesiredFrame:
-        """Return the frame at which the scheme has zero error after a reset, or while it holds."""
-
-    @abstractmethod
     def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
         """Return the command for the measured q, dq (n,), dt [s] after the tick before."""
 
+    @abstractmethod
     def last_command(self, q: Array, dq: Array) -> JointCommand:
         """Return the command that may stay for good, for an arm at rest at q, dq (n,)."""
-        return self.hold(0.0, q, dq)
 
     @abstractmethod
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
