@@ -184,16 +184,6 @@ def compliant(tmp_path: Path) -> Recording:
     return recorded(tmp_path / "run", **options, wrenches=moments, parameters=IMPEDANCE, node=NODE)
 
 
-def test_the_compliant_frame_is_seen_from_the_desired_frame(compliant):
-    motion = compliant.compliant
-    assert_close(motion.t, [0.0, 0.01, 0.02])
-    assert_close(motion.p_cd_d, [[0, 0, 0], [0.01, 0, 0], [0, 0.003, -0.004]])
-    rho = np.array([[0.0, 0, 0], [0, -0.4, 0], [0.1, 0.2, 0]])
-    assert_close(motion.rho_cd_d, rho)
-    assert_close(motion.R_cd, list(map(exp, rho)))
-    assert_close(motion.Q_cd[1], [math.cos(0.2), 0, -math.sin(0.2), 0])
-
-
 def test_without_a_desired_frame_there_is_no_displacement():
     motion = CompliantMotion(np.zeros(1), Frames.of(FRAMES[:1]), Frames.of([None]))
     for values in (motion.p_cd_d, motion.R_cd, motion.rho_cd_d, motion.Q_cd, motion.x, motion.dx):

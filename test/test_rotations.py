@@ -14,7 +14,7 @@ from tolerances import ALGEBRAIC, ASIN, DIFFERENCES, ETA_NEAR_PI, RELATIVE, UNBO
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
 from eulerparams_control.laws import rotations as so3
 from eulerparams_control.laws.orientation import SEPARATE, SEQUENCES, SIGNS, EulerSequence, SignRule
-from eulerparams_control.laws.orientation.sequences import R_axis, wrap
+from eulerparams_control.laws.orientation.sequences import R_axis
 from eulerparams_control.laws.rotations import EulerParameters
 
 X, Y, Z = np.eye(3)
@@ -363,14 +363,3 @@ def test_of_the_previous_angles_only_gamma_is_kept_and_only_at_the_pole(sequence
             assert assert_extracts(sequence, R)[2] == 0.0
     for R in samples.clear_of_poles(sequence, FEW):
         np.testing.assert_array_equal(euler.extract(R, previous), euler.extract(R))
-
-
-def test_wrapped_angles_differ_by_whole_turns_and_lie_within_a_half_turn():
-    edges = [math.pi, -math.pi, np.nextafter(math.pi, 4.0), 3 * math.pi, 5 * math.pi]
-    angles = np.concatenate((samples.generator(13).uniform(-20, 20, size=3000), edges))
-    wrapped = wrap(angles)
-    turns = (angles - wrapped) / (2 * math.pi)
-    assert_close(turns, np.round(turns))
-    assert (wrapped > -math.pi).all()
-    assert (wrapped <= math.pi).all()
-    np.testing.assert_array_equal(wrapped[-5:-3], math.pi)
