@@ -175,20 +175,6 @@ def test_an_arm_that_is_as_fast_as_it_may_be_is_not_drawn_further():
     assert max(pulls[4:]) < 1e-9  # the springs are not felt
 
 
-@pytest.mark.parametrize("name", ["euler_parameters", "rotation_vector"])
-def test_other_springs_of_a_stretched_arm_come_without_a_jump(name):
-    scheme, home = control(), pose_of(UR5, HOME)
-    away = home._replace(p_d=home.p_d + [0.03, 0.0, 0.0])
-    before = scheme.tick(1e-3, HOME, STILL, away).command.effort
-    other = parameters_with(name, K_p=3 * K_P)
-    scheme.change(other)
-    assert_close(scheme.tick(1e-3, HOME, STILL, away).command.effort, before)
-    for _ in range(5):  # ms
-        half = scheme.tick(1e-3, HOME, STILL, away).command.effort
-    after = other.make_scheme(UR5).tick(1e-3, HOME, STILL, away).command.effort
-    assert_close(half, after + math.exp(-1.0) * (before - after))
-
-
 def test_clips_that_are_lowered_and_return_make_no_energy_around_any_closed_path():
     robot, home = robot_named("panda")
     parameters = from_mapping(ComplianceParameters, frames_of("panda") | SLOW_EFFORTS)

@@ -287,13 +287,9 @@ def assert_extracts(sequence, R, previous=None):
     return phi
 
 
-def test_there_are_the_12_sequences_whose_neighbours_differ_with_their_axes_and_kind():
+def test_there_are_the_12_sequences_whose_neighbours_differ():
     letters = itertools.product("XYZ", repeat=3)
-    assert set(SEQUENCES) == {i + j + k for i, j, k in letters if i != j and j != k}
-    assert len(SEQUENCES) == 12
-    for name in SEQUENCES:
-        assert EulerSequence(name).axes == samples.axes_of(name)
-    assert EulerSequence() == EulerSequence("XYZ")  # that of the paper
+    assert sorted(SEQUENCES) == [i + j + k for i, j, k in letters if i != j and j != k]
 
 
 @every_sequence
