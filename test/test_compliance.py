@@ -257,10 +257,8 @@ def test_the_equations_hold_at_each_sample_and_its_rates_are_derivatives(name, s
         Z_p, Z_o = Impedance(M_p, 8 * D_p, 40 * K_p), Impedance(M_o, 8 * D_o, 40 * K_o)
         first, (dp, dR, v, omega) = desired_at(0.0), 0.3 * generator(906, key).normal(size=(4, 3))
         start = at(turned(dR) @ first.R_d, first.p_d + dp, first.dp_d + v, first.omega_d + omega)
-        compliant, wrench_at = (
-            begun(law(name, Z_o, Z_p, frame, sequence), first, start),
-            contact(key),
-        )
+        compliant = begun(law(name, Z_o, Z_p, frame, sequence), first, start)
+        wrench_at = contact(key)
         frames = follow(compliant, desired_at, wrench_at, times(0.1, dt))
         for t, c in list(zip(times(0.1, dt), frames, strict=True))[::25]:
             d, (f, mu) = desired_at(t), np.split(wrench_at(t), 2)

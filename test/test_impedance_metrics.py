@@ -335,33 +335,18 @@ def test_the_residual_of_a_run_is_what_its_force_and_moment_lack(tmp_path):
         measure("force_residual", replace(run, parameters={}))
 
 
-def test_what_is_about_the_desired_frame_turns_with_it(tmp_path):
-    R_d = R_angle_axis(math.pi / 2, np.array([0.0, 0.0, 1.0]))  # its x is y of the base
-    desired = DesiredFrame(P_D, R_d)
-    frame = DesiredFrame(P_D + [0.0, 0.01, 0.0], R_d @ exp(np.array([0.0, 0.4, 0.0])))
-    # along x, K_p 1000, and about y, K_o 10, of the desired frame, whose y is -x of the base
-    balance = [0.0, 10.0, 0.0, -10.0 * math.sin(0.4), 0.0, 0.0]
-    run = complying(tmp_path, [frame], [balance], translational_frame="desired")
-    run = replace(run, compliant=replace(run.compliant, desired=Frames.of([desired])))
-    assert measure("force_residual", run) == pytest.approx(0.0, abs=EXACT)
-    assert measure("moment_residual", run) == pytest.approx(0.0, abs=EXACT)
-    assert measure("moment_axis_angle", run) == pytest.approx(0.0, abs=1e-6)
-    assert measure("apparent_stiffness", run) == pytest.approx(10 * math.sin(0.4) / 0.4)
-    assert measure("apparent_translational_stiffness", run) == pytest.approx(1000.0)
-    base = replace(run, parameters={NODE: IMPEDANCE})  # 500 N/m along y of the base
-    assert measure("force_residual", base) == pytest.approx(5.0)
-
-
-# --- the centre of compliance --------------------------------------------------------
-def test_force_and_moment_count_at_the_centre_of_compliance(tmp_path):
+def test_force_and_moment_count_at_the_centre_of_compliance_in_desired_axes(tmp_path):
     # the centre is 0.5 m along the rod and 0.1 m along z beyond the tip; the rod rests at q = 0
-    offset = np.array([0.5, 0.0, 0.1])
-    angle, p = 0.3, np.array([0.02, 0.01, 0.0])  # of the centre; 1000, 500 N/m; 10 Nm/rad
-    frame = turned(0.0, angle, 0.0)
-    frame = frame._replace(p_d=P_D + offset + p - frame.R_d @ offset)
-    f, mu = np.array([20.0, 5.0, 0.0]), np.array([0.0, 10.0 * math.sin(angle), 0.0])
+    offset, angle = np.array([0.5, 0.0, 0.1]), 0.3
+    R_d = R_angle_axis(math.pi / 2, np.array([0.0, 0.0, 1.0]))  # its x is y of the base
+    R_c, p = R_d @ exp(np.array([0.0, angle, 0.0])), R_d @ [0.02, 0.01, 0.0]
+    frame = DesiredFrame(P_D + R_d @ offset + p - R_c @ offset, R_c)
+    f, mu = R_d @ [20.0, 5.0, 0.0], R_d @ [0.0, 10.0 * math.sin(angle), 0.0]  # 1000, 500 N/m
     balance = [*f, *(mu + np.cross(offset, f))]
-    run = complying(tmp_path, [frame] * 2, [balance] * 2, compliance_offset=offset.tolist())
+    told = {"compliance_offset": offset.tolist(), "translational_frame": "desired"}
+    run = complying(tmp_path, [frame] * 2, [balance] * 2, **told)
+    desired = Frames.of([DesiredFrame(P_D, R_d)] * 2)
+    run = replace(run, compliant=replace(run.compliant, desired=desired))
     assert measure("force_residual", run) == pytest.approx(0.0, abs=EXACT)
     assert measure("moment_residual", run) == pytest.approx(0.0, abs=EXACT)
     assert measure("apparent_stiffness", run) == pytest.approx(10 * math.sin(angle) / angle)
@@ -372,6 +357,8 @@ def test_force_and_moment_count_at_the_centre_of_compliance(tmp_path):
     assert measure("final_moment", run) == pytest.approx(float(np.linalg.norm(balance[3:])))
     tip = np.linalg.norm(frame.p_d - P_D)
     assert measure("final_displacement", run) == pytest.approx(1e3 * float(tip))
+    base = replace(run, parameters={NODE: run.parameters[NODE] | {"translational_frame": "base"}})
+    assert measure("force_residual", base) == pytest.approx(math.hypot(5.0, 10.0))
 
 
 # --- springs of compliance control ---------------------------------------------------

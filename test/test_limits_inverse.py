@@ -327,12 +327,8 @@ def test_a_joint_that_has_to_brake_does_and_does_not_hold_up_the_others():
 
 def test_a_joint_that_could_not_stop_otherwise_brakes_harder_evenly():
     limits = JointLimits(*np.array([[-1.0, 1.0, 9.0, 1.0, 10.0]]).T)
-    q, dq, dt = (
-        np.array([0.5]),
-        np.array([5.0]),
-        1e-3,
-    )  # 2.5 rad to stop at 10 rad/s^2: 25 are needed
-    most = 0.0
+    # 2.5 rad to stop at 10 rad/s^2: 25 are needed
+    q, dq, dt, most = np.array([0.5]), np.array([5.0]), 1e-3, 0.0
     while abs(dq[0]) > 1e-6:
         before, (dq, _) = dq, limits.limit_velocity(q, dq, dt, dq)
         most, q = max(most, (before - dq)[0] / dt), q + dt * dq

@@ -1,8 +1,7 @@
 """Every representation of the orientation displacement: eqs. (22), (23), (26)-(31), (38)-(47).
 
 The properties run over the registry.  What is expected of a representation that the
-tables below do not name: its error is a vector of first order in the rotation, obeys
-dx = -k x, does not depend on the base frame, and has no singularity; it has no Lyapunov function.
+tables below do not name: it has no singularity, and no Lyapunov function.
 
 The error equations of second order are shown exactly, with the derivatives of T and L by complex
 steps and by the product rule, in formulas of this file.  They leave no other acceleration.
@@ -15,7 +14,6 @@ import numpy as np
 import pytest
 import tolerances as tol
 from representations import (
-    DEPENDS_ON_THE_BASE,
     FUNCTIONS,
     OF_ANGLES,
     every_representation,
@@ -139,19 +137,6 @@ def test_at_the_pole_angles_keep_the_gamma_of_before():
         assert (x_de.phi_d[2], x_de.phi_e[2]) == (before.phi_d[2], before.phi_e[2])
         phi_de = relative.displacement(R, np.eye(3), relative_before).error
         assert phi_de[2] == relative_before.error[2]
-
-
-@every_representation
-def test_the_law_is_the_same_from_every_base_frame_except_for_euler_angles(name):
-    law, change = make(name), []
-    for m, R in zip(regular_motions(law), uniform(COUNT, key=2), strict=True):
-        omega = omega_of(law, m.R_d, m.R_e, m.omega_d)
-        turned = omega_of(law, R @ m.R_d, R @ m.R_e, R @ m.omega_d)
-        change.append(np.linalg.norm(turned - R @ omega))
-    if name in DEPENDS_ON_THE_BASE:
-        assert np.median(change) > tol.DISTINCT
-    else:
-        assert max(change) < tol.ALGEBRAIC
 
 
 # --- singularities ---------------------------------------------------------------------------

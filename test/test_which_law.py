@@ -86,14 +86,8 @@ def test_eqs_59_and_60_agree_with_sdu_controllers():
     """Their admittance holds {eta_cd, eps_cd}, omega_cd and integrates by explicit steps."""
     sdu = pytest.importorskip("sdu_controllers", reason="pip install sdu_controllers")
     dt, own = 1e-3, make("euler_parameters")
-    for key, (M, D, K_o) in enumerate(
-        zip(
-            positive_definite(3, 1),
-            positive_definite(3, 2),
-            positive_definite(3, 3, 5, 50),
-            strict=True,
-        )
-    ):
+    matrices = positive_definite(3, 1), positive_definite(3, 2), positive_definite(3, 3, 5, 50)
+    for key, (M, D, K_o) in enumerate(zip(*matrices, strict=True)):
         theirs = sdu.controllers.AdmittanceControllerPosition(1 / dt)
         theirs.set_mass_matrix_orientation(np.asfortranarray(M))
         theirs.set_damping_matrix_orientation(np.asfortranarray(D))
