@@ -41,7 +41,6 @@ from eulerparams_control.robot.urdf import COULOMB_SPEED
 
 DT = 1e-3  # [s]
 MS = 1_000_000  # [ns]
-T_0 = 1_700_000_000_000_000_000  # [ns]
 ANY_RATE = (math.inf,)
 VISCOUS, COULOMB = (0.5, 0.4, 0.3, 0.2, 0.1, 0.05), tuple(np.arange(6) / 3)
 FRICTION = {"compensate_friction": True, "friction_viscous": VISCOUS, "friction_coulomb": COULOMB}

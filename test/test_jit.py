@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from contextlib import contextmanager
 from pathlib import Path
 
 import numba.core.event
@@ -18,8 +17,7 @@ from eulerparams_control.laws.jit import cache_folder
 class Compilations(numba.core.event.Listener):
     """Counts what numba compiles."""
 
-    def __init__(self):
-        self.count = 0
+    count = 0
 
     def on_start(self, event):
         self.count += 1
@@ -28,18 +26,12 @@ class Compilations(numba.core.event.Listener):
         """Nothing is counted at the end."""
 
 
-@contextmanager
-def counted():
-    compilations = Compilations()
-    with numba.core.event.install_listener("numba:compile", compilations):
-        yield compilations
-
-
 def test_schemes_command_the_same_where_nothing_is_compiled_and_compile_nothing(tmp_path):
     script, file = Path(__file__).with_name("plain_run.py"), tmp_path / "commands.npz"
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
     subprocess.run([sys.executable, script, file], env=environment, check=True)
-    with counted() as compilations:
+    compilations = Compilations()
+    with numba.core.event.install_listener("numba:compile", compilations):
         compiled = all_commands()
     assert compilations.count == 0
     plain = np.load(file)

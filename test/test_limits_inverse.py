@@ -392,11 +392,9 @@ def test_a_joint_without_a_speed_limit_makes_no_nan_where_no_time_has_passed():
 
 # --- the parameter ------------------------------------------------------------------------------
 def test_the_parameter_is_one_number_or_one_a_joint():
-    np.testing.assert_array_equal(ClikParameters().limits(UR5).acceleration, np.full(6, 10.0))
-    six = tuple(float(k) for k in range(1, 7))
-    given = ClikParameters(max_joint_acceleration=six).limits(UR5)
-    np.testing.assert_array_equal(given.acceleration, six)
-    assert ClikParameters(enforce_limits=False).limits(UR5) is None
+    for given, expected in (((10.0,), 6 * [10.0]), ((1.0, 2.0, 3.0, 4.0, 5.0, 6.0),) * 2):
+        limits = ClikParameters(max_joint_acceleration=given).limits(UR5)
+        np.testing.assert_array_equal(limits.acceleration, expected)
 
 
 @pytest.mark.parametrize(
