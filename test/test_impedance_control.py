@@ -32,6 +32,7 @@ from eulerparams_control.laws.inverse_kinematics import inverse_kinematics
 from eulerparams_control.laws.wrench import SensedWrench, WrenchChain
 from eulerparams_control.motion.frames import DesiredFrame, Placement
 from eulerparams_control.motion.references import SetPoint
+from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 
 DT = 1e-3  # [s]
@@ -312,6 +313,25 @@ def test_without_any_wrench_the_frame_stands_where_the_tip_was_first():
     scheme.sense(sensed_at_tip(w, first.R_e))
     after = scheme.tick(DT, q, dq, desired).command.frame
     assert_close(after.p_d, first.p_e, 1e-4)
+
+
+def test_a_trajectory_waits_while_the_wrench_is_lost():
+    there = MIDDLE._replace(p_d=MIDDLE.p_d + [0.0, 0.03, 0.0])
+    scheme, R = admittance(), MIDDLE.R_d
+    controller = Controller(scheme, ControllerOptions(), at_the_middle())
+    path = Trajectory([0.0, 0.2], [MIDDLE, there])
+    controller.orders.follow(path, 0)
+    for k in range(400):
+        lost = 100 <= k < 200
+        scheme.sense(None if lost else sensed_at_tip(NO_WRENCH, R))
+        controller.step(k * MS, at_the_middle(), STILL)
+        t = k if k < 100 else max(99, k - 100)
+        found, expected = controller.guidance.tick_now.desired, path.sample(t * DT)
+        assert_close(found.p_d, expected.p_d, 1e-9)
+    controller.orders.follow(Trajectory([0.0, 0.2], [there, MIDDLE]), None)
+    for k in range(400, 501):
+        controller.step(k * MS, at_the_middle(), STILL)  # the next one waits no more
+    assert controller.guidance.tick_now.desired.p_d[1] - MIDDLE.p_d[1] == pytest.approx(0.015)
 
 
 @pytest.mark.parametrize(("moved", "stops"), [(0.04, False), (0.06, True)])
