@@ -38,7 +38,9 @@ FRAMES = frames_of("ur5")
 # [Nm/s] With so little the springs pull less, so that they can be taken back.
 SLOW_EFFORTS = {"max_effort_rate": (1000.0,)}
 FAR, UNCLIPPED = {"clip_position": 0.02, "clip_rotation": 0.1}, {}
-DESIRED = DesiredFrame(np.array([0.3, 0.1, 0.4]), about(0, 0.2) @ about(1, -0.2) @ about(2, 0.4))
+# The first angle is so near to pi that a small turn passes it.
+TURNED = about(0, math.pi - 1e-6) @ about(1, -0.2) @ about(2, 0.4)
+DESIRED = DesiredFrame(np.array([0.3, 0.1, 0.4]), TURNED)
 
 
 def springs_with(orientation="euler_parameters", K_p=K_P, K_o=K_O, **given):
@@ -78,12 +80,14 @@ def test_what_a_spring_exerts_is_minus_the_gradient_of_its_energy(name, given, f
 def test_for_small_displacements_it_has_the_stiffness_that_is_stated(name, frame):
     x, turn = (1e-4 * v for v in unit_vectors(2, key=6))
     R_d, springs = DESIRED.R_d, springs_with(name, frame=frame)
-    pull = springs.wrench(DESIRED.p_d + x, exp(turn) @ R_d, DESIRED)
     A = np.eye(3) if frame == "base" else R_d
-    assert_close(pull.f, -A @ K_P @ A.T @ x)
-    if name != "euler_angles":  # whose stiffness depends on the orientation, (58)
-        stated = R_d @ K_O @ R_d.T @ turn
-        assert_close(pull.mu, -stated, 1e-3 * np.abs(stated).max())
+    for sign in (1, -1):
+        pull = springs.wrench(DESIRED.p_d + sign * x, exp(sign * turn) @ R_d, DESIRED)
+        assert_close(pull.f, -sign * A @ K_P @ A.T @ x)
+        assert pull.energy < 1e-4
+        if name != "euler_angles":  # whose stiffness depends on the orientation, (58)
+            stated = sign * R_d @ K_O @ R_d.T @ turn
+            assert_close(pull.mu, -stated, 1e-3 * np.abs(stated).max())
 
 
 @pytest.mark.parametrize("axis", range(3))
