@@ -39,6 +39,7 @@ def commands(arm, robot, info, orientation):
         command = controller.step((k + 1) * 4 * MS, q, dq, now=4e-3 * (k + 1))
         controller.guidance.lyapunov()
         assert command is not None
+        assert not controller.fault
         told = (command.q, command.dq, command.effort)
         rows.append(np.concatenate([part for part in told if part is not None]))
     return np.array(rows)
