@@ -437,6 +437,14 @@ def test_hold_is_stiff_as_effort_limits_and_sampling_bear_and_critically_damped(
     assert_close(hold.effort(DT, state, nothing, nothing, None), expected, NULL_SPACE)
 
 
+def test_hold_asks_for_no_more_than_the_limits_of_the_efforts():
+    for away, dq in np.split(generator(77).uniform(-1, 1, size=(40, 6)), 20):
+        scheme = limited(max_effort_rate=(1e9,))
+        scheme.hold(DT, HOME, STILL)
+        effort = scheme.hold(DT, HOME + away, 3.0 * dq).effort
+        assert (np.abs(effort) <= UR5.limits.effort).all()
+
+
 def test_hold_leaves_the_friction_that_helps_to_stop():
     efforts = [one.hold(DT, HOME, STILL + 0.1).effort for one in (free(), free(**FRICTION))]
     np.testing.assert_array_equal(*efforts)
