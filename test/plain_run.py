@@ -16,7 +16,10 @@ STEPS, MS = 24, 1_000_000
 
 
 def commands(arm, robot, info, orientation):
-    """Return the commands (STEPS, ...) while the arm goes along a circle, a bit beside it."""
+    """Return the commands (STEPS, ...) while the arm goes along a circle, a bit beside it.
+
+    In the middle the representation changes.
+    """
     scheme = info.parameters(orientation=orientation).make_scheme(robot)
     controller = Controller(scheme, ControllerOptions(), np.array(arm.home))
     frame = scheme.start_frame()
@@ -28,11 +31,15 @@ def commands(arm, robot, info, orientation):
             wrench = 5.0 * rng.normal(size=6)
             scheme.sense(SensedWrench(wrench, robot.placement(arm.sensor_frame)))
         q = np.array(arm.home) + 1e-3 * k * dq
+        if k == STEPS // 2:
+            other = ORIENTATIONS[ORIENTATIONS.index(orientation) - 1]
+            scheme.change(info.parameters(orientation=other))
         if k == STEPS - 5:
             controller.halt()
         command = controller.step((k + 1) * 4 * MS, q, dq, now=4e-3 * (k + 1))
         controller.guidance.lyapunov()
         assert command is not None
+        assert not controller.fault
         told = (command.q, command.dq, command.effort)
         rows.append(np.concatenate([part for part in told if part is not None]))
     return np.array(rows)

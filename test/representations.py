@@ -20,9 +20,6 @@ from eulerparams_control.laws.orientation.relative_quaternion import (
     RelativeQuaternionRepresentation,
 )
 
-# Those whose law is not the same seen from another base frame.
-DEPENDS_ON_THE_BASE = {"euler_angles"}
-
 every_representation = pytest.mark.parametrize("name", ORIENTATIONS)
 every_sequence = pytest.mark.parametrize("sequence", SEQUENCES)
 OF_ANGLES = ("euler_angles", "relative_euler_angles")

@@ -23,7 +23,7 @@ from tolerances import (
     assert_close,
 )
 
-from eulerparams_control.errors import ConfigurationError, FollowingError
+from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.elasticity import Elasticity
 from eulerparams_control.laws.rotations import exp
 from eulerparams_control.messages.keys import SPRINGS
@@ -38,7 +38,9 @@ FRAMES = frames_of("ur5")
 # [Nm/s] With so little the springs pull less, so that they can be taken back.
 SLOW_EFFORTS = {"max_effort_rate": (1000.0,)}
 FAR, UNCLIPPED = {"clip_position": 0.02, "clip_rotation": 0.1}, {}
-DESIRED = DesiredFrame(np.array([0.3, 0.1, 0.4]), about(0, 0.2) @ about(1, -0.2) @ about(2, 0.4))
+# The first angle is so near to pi that a small turn passes it.
+TURNED = about(0, math.pi - 1e-6) @ about(1, -0.2) @ about(2, 0.4)
+DESIRED = DesiredFrame(np.array([0.3, 0.1, 0.4]), TURNED)
 
 
 def springs_with(orientation="euler_parameters", K_p=K_P, K_o=K_O, **given):
@@ -60,10 +62,11 @@ def control(orientation="euler_parameters", **given):
 @every_representation
 @pytest.mark.parametrize("given", [UNCLIPPED, FAR])
 @pytest.mark.parametrize("frame", ["base", "desired"])
-def test_what_a_spring_exerts_is_minus_the_gradient_of_its_energy(name, given, frame):
+@pytest.mark.parametrize("theta", [0.5, 1.4, 2.5])
+def test_what_a_spring_exerts_is_minus_the_gradient_of_its_energy(name, given, frame, theta):
     springs, h = springs_with(name, frame=frame, **given), 1e-6
     for x, turn in zip(unit_vectors(8, key=3), unit_vectors(8, key=4), strict=True):
-        p, R = DESIRED.p_d + 0.05 * x, exp(0.5 * turn) @ DESIRED.R_d
+        p, R = DESIRED.p_d + 0.05 * x, exp(theta * turn) @ DESIRED.R_d
         pull = springs.wrench(p, R, DESIRED)
         for e in np.eye(3):
             along = [springs.wrench(p + s * h * e, R, DESIRED).energy for s in (1, -1)]
@@ -77,12 +80,14 @@ def test_what_a_spring_exerts_is_minus_the_gradient_of_its_energy(name, given, f
 def test_for_small_displacements_it_has_the_stiffness_that_is_stated(name, frame):
     x, turn = (1e-4 * v for v in unit_vectors(2, key=6))
     R_d, springs = DESIRED.R_d, springs_with(name, frame=frame)
-    pull = springs.wrench(DESIRED.p_d + x, exp(turn) @ R_d, DESIRED)
     A = np.eye(3) if frame == "base" else R_d
-    assert_close(pull.f, -A @ K_P @ A.T @ x)
-    if name != "euler_angles":  # whose stiffness depends on the orientation, (58)
-        stated = R_d @ K_O @ R_d.T @ turn
-        assert_close(pull.mu, -stated, 1e-3 * np.abs(stated).max())
+    for sign in (1, -1):
+        pull = springs.wrench(DESIRED.p_d + sign * x, exp(sign * turn) @ R_d, DESIRED)
+        assert_close(pull.f, -sign * A @ K_P @ A.T @ x)
+        assert pull.energy < 1e-4
+        if name != "euler_angles":  # whose stiffness depends on the orientation, (58)
+            stated = sign * R_d @ K_O @ R_d.T @ turn
+            assert_close(pull.mu, -stated, 1e-3 * np.abs(stated).max())
 
 
 @pytest.mark.parametrize("axis", range(3))
@@ -145,32 +150,12 @@ def test_two_damping_ratios_bound_those_of_the_modes_and_the_fastest_is_known():
     assert scheme.fastest_gain == known
 
 
-def test_a_tip_that_is_too_far_from_the_desired_frame_stops_the_motion():
-    parameters = from_mapping(ComplianceParameters, FRAMES | {"max_error_position": 0.05})
-    scheme, home = parameters.make_scheme(UR5), pose_of(UR5, HOME)
-    scheme.tick(1e-3, HOME, STILL, home._replace(p_d=home.p_d + [0.0, 0.04, 0.0]))
-    with pytest.raises(FollowingError, match=r"0\.060 m from the desired frame"):
-        scheme.tick(1e-3, HOME, STILL, home._replace(p_d=home.p_d + [0.0, 0.06, 0.0]))
-
-
 def test_it_follows_a_motion_by_its_acceleration():
     scheme, plant, a = control(), Plant(), np.array([0.3, -0.2, 0.1])
     desired = pose_of(UR5, HOME)._replace(ddp_d=a, domega_d=2 * a)
     tau = scheme.tick(1e-3, HOME, STILL, desired).command.effort
     reached = plant.tip_acceleration(HOME, STILL, plant.acceleration(HOME, STILL, tau))
     assert_close(reached, [*a, *(2 * a)], NULL_SPACE)
-
-
-def test_the_posture_of_a_redundant_arm_does_not_move_its_tip():
-    robot, home = robot_named("panda")
-    q = home + 0.1
-    parameters = parameters_with(name="panda", posture=home.tolist(), k_null=5.0)
-    scheme, plant = parameters.make_scheme(robot), Plant("panda")
-    dq = np.linalg.svd(robot.state(q, 0 * q).J)[2][-1]
-    tau = scheme.tick(1e-3, q, dq, pose_of(robot, q)).command.effort
-    ddq = plant.acceleration(q, dq, tau)
-    assert np.abs(ddq).max() > 1.0
-    assert_close(plant.tip_acceleration(q, dq, ddq), np.zeros(6), NULL_SPACE)
 
 
 def test_an_arm_that_is_as_fast_as_it_may_be_is_not_drawn_further():
@@ -192,20 +177,6 @@ def test_an_arm_that_is_as_fast_as_it_may_be_is_not_drawn_further():
     assert 1.0 > parts[2] > parts[3] > 0.0
     assert pulls[1] > 0.1
     assert max(pulls[4:]) < 1e-9  # the springs are not felt
-
-
-@pytest.mark.parametrize("name", ["euler_parameters", "rotation_vector"])
-def test_other_springs_of_a_stretched_arm_come_without_a_jump(name):
-    scheme, home = control(), pose_of(UR5, HOME)
-    away = home._replace(p_d=home.p_d + [0.03, 0.0, 0.0])
-    before = scheme.tick(1e-3, HOME, STILL, away).command.effort
-    other = parameters_with(name, K_p=3 * K_P)
-    scheme.change(other)
-    assert_close(scheme.tick(1e-3, HOME, STILL, away).command.effort, before)
-    for _ in range(5):  # ms
-        half = scheme.tick(1e-3, HOME, STILL, away).command.effort
-    after = other.make_scheme(UR5).tick(1e-3, HOME, STILL, away).command.effort
-    assert_close(half, after + math.exp(-1.0) * (before - after))
 
 
 def test_clips_that_are_lowered_and_return_make_no_energy_around_any_closed_path():

@@ -108,21 +108,6 @@ def situations(arm, count=5):
 every_arm = pytest.mark.parametrize("arm", ["ur5", "panda"])
 
 
-@every_arm
-def test_with_the_wrench_compensated_the_joints_accelerate_as_without_contact(arm):  # (48)
-    plant, (robot, _) = Plant(arm), robot_named(arm)
-    motion = DynamicControl(robot, parameters())
-    for q, dq, desired, w in situations(arm):
-        state, found = robot.dynamic_state(q, dq), []
-        for h, acting in ((None, NO_WRENCH), (-w, w), (w, w)):
-            motion.reset(q)
-            tau = motion.follow(DT, state, desired, h).command.effort
-            found.append(plant.acceleration(q, dq, tau, acting))
-        free, touched, wrong = found
-        assert_close(touched, free, ERROR_EQUATION)
-        assert np.abs(wrong - free).max() > 1  # w for h
-
-
 @every_representation
 @every_arm
 def test_the_tip_accelerates_as_the_motion_loop_asks_for_the_compliant_frame(arm, name):

@@ -5,11 +5,8 @@ The rod of the synthetic runs is at q = 0 or at q = 90 deg, where the tip points
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -26,11 +23,10 @@ from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.quantities import BY_NAME, measure
-from eulerparams_control.analysis.recording import Recording
 from eulerparams_control.analysis.series import Frames
 from eulerparams_control.errors import BagError, ConfigurationError, UnknownNameError
 from eulerparams_control.laws.impedance_matrices import Impedance
-from eulerparams_control.laws.rotations import Array, R_angle_axis, exp, quaternion
+from eulerparams_control.laws.rotations import R_angle_axis, exp, quaternion
 from eulerparams_control.messages.to_ros import springs_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
@@ -40,7 +36,7 @@ DOWN = math.pi / 2
 NODE = "/impedance_control"
 P_D = np.array([1.0, 0.0, 0.0])
 
-IMPEDANCE: dict[str, Any] = {
+IMPEDANCE = {
     "orientation": "euler_parameters",
     "translational_frame": "base",
     "M_p": [2.0, 2.0, 2.0],
@@ -55,9 +51,7 @@ IMPEDANCE: dict[str, Any] = {
 }
 
 
-def complying(
-    folder: Path, compliant: list[DesiredFrame], wrenches: Any = None, q: Any = None, **told: Any
-) -> Recording:
+def complying(folder, compliant, wrenches=None, q=None, **told):
     """Return a run of impedance control; the rod rests at q = 0 unless q (N,) is given."""
     q = [0.0] * len(compliant) if q is None else q
     run = {"measured": q, "compliant": compliant, "wrenches": wrenches}
@@ -67,9 +61,9 @@ def complying(
 # --- the wrench at the tip -----------------------------------------------------------
 # 2 kg, 0.1 m along the rod beyond the tip, and a sensor that is off by 1 N and 0.5 Nm.
 EARTH = {"gravity": [0.0, 0.0, -10.0]}
-TOOL: dict[str, Any] = EARTH | {"tool_mass": 2.0, "tool_com": [0.1, 0.0, 0.0]}
-OFF: dict[str, Any] = TOOL | {"wrench_bias": [1.0, 0.0, 0.0, 0.0, 0.5, 0.0]}
-SENSED: dict[str, Any] = EARTH | {"tool_mass": 2.0, "sensed_mass": 0.5, "sensed_com": [0.1, 0, 0.0]}
+TOOL = EARTH | {"tool_mass": 2.0, "tool_com": [0.1, 0.0, 0.0]}
+OFF = TOOL | {"wrench_bias": [1.0, 0.0, 0.0, 0.0, 0.5, 0.0]}
+SENSED = EARTH | {"tool_mass": 2.0, "sensed_mass": 0.5, "sensed_com": [0.1, 0, 0.0]}
 NOTHING = [0] * 6
 
 
@@ -165,7 +159,7 @@ def test_an_axis_that_is_none_is_refused(tmp_path, axis):
 
 
 # --- the compliant frame -------------------------------------------------------------
-def turned(*rotation_vector: float, p: Sequence[float] = (1.0, 0.0, 0.0)) -> DesiredFrame:
+def turned(*rotation_vector, p=(1.0, 0.0, 0.0)):
     return DesiredFrame(np.array(p), exp(np.array(rotation_vector)))
 
 
@@ -177,21 +171,11 @@ FRAMES = [
 
 
 @pytest.fixture
-def compliant(tmp_path: Path) -> Recording:
+def compliant(tmp_path):
     """A run of the rod at 0, -0.3 and 0.2 rad with compliant frames and a moment about y."""
     moments = [[0, 0, 0, 0, 0, 0], [10, 0, 0, 0, 4, 0], [0, 6, -8, 0, -3, 0]]
     options = {"measured": [0.0, -0.3, 0.2], "efforts": [0.0] * 3, "compliant": FRAMES}
     return recorded(tmp_path / "run", **options, wrenches=moments, parameters=IMPEDANCE, node=NODE)
-
-
-def test_the_compliant_frame_is_seen_from_the_desired_frame(compliant):
-    motion = compliant.compliant
-    assert_close(motion.t, [0.0, 0.01, 0.02])
-    assert_close(motion.p_cd_d, [[0, 0, 0], [0.01, 0, 0], [0, 0.003, -0.004]])
-    rho = np.array([[0.0, 0, 0], [0, -0.4, 0], [0.1, 0.2, 0]])
-    assert_close(motion.rho_cd_d, rho)
-    assert_close(motion.R_cd, list(map(exp, rho)))
-    assert_close(motion.Q_cd[1], [math.cos(0.2), 0, -math.sin(0.2), 0])
 
 
 def test_without_a_desired_frame_there_is_no_displacement():
@@ -206,9 +190,7 @@ def test_without_a_desired_frame_there_is_no_displacement():
         ("final_turn", {}, math.degrees(math.hypot(0.1, 0.2))),
         ("final_turn", {"axis": [0, 1, 0], "window": 0.01}, math.degrees(-0.1)),
         ("peak_turn", {"axis": [1, 0, 0]}, math.degrees(0.1)),
-        ("peak_turn", {"after": 0.015}, math.degrees(math.hypot(0.1, 0.2))),
         ("final_displacement", {"axis": [0, 0, -2]}, 4.0),
-        ("peak_displacement", {"axis": [0, 1, 0]}, 3.0),
         ("peak_displacement", {"after": 0.02}, 5.0),
         ("moment_axis_angle", {}, 180 - math.degrees(math.atan2(0.1, 0.2))),
         ("apparent_stiffness", {"before": 0.01}, -10.0),
@@ -221,14 +203,12 @@ def test_without_a_desired_frame_there_is_no_displacement():
         # the rod at -0.3 rad, the compliant frame at -0.4 rad
         ("peak_orientation_error", {"against": "compliant", "before": 0.01}, math.degrees(0.1)),
         ("final_orientation_error", {"against": "compliant", "before": 0.01}, math.degrees(0.1)),
-        ("peak_orientation_error", {"before": 0.01}, math.degrees(0.3)),
         ("final_position_error", {"against": "compliant", "before": 0.0}, 0.0),
         (
             "peak_position_error",
             {"against": "compliant", "before": 0.01},
             1e3 * math.hypot(1.01 - math.cos(0.3), math.sin(0.3)),
         ),
-        ("peak_position_error", {"before": 0.01}, 2e3 * math.sin(0.15)),
     ],
 )
 def test_a_number_of_the_compliance_is_what_it_is_by_hand(compliant, name, options, expected):
@@ -288,14 +268,14 @@ Z = Impedance(
 )
 
 
-def motion(t: float) -> CompliantMotion:
+def motion(t):
     c, d = (Frames.of([frames.sample(t)]) for frames in (COMPLIANT, DESIRED))
     return CompliantMotion(np.array([t]), c, d)
 
 
 @pytest.mark.parametrize("t", [0.2, 0.5, 0.9])
 def test_the_rotational_equation_leaves_nothing_while_the_desired_frame_turns(t):
-    def x(t: float) -> Array:
+    def x(t):
         c, d = COMPLIANT.sample(t), DESIRED.sample(t)
         return d.R_d.T @ (c.omega_d - d.omega_d)
 
@@ -313,7 +293,7 @@ def test_the_rotational_equation_leaves_nothing_while_the_desired_frame_turns(t)
 @pytest.mark.parametrize("frame", ["base", "desired"])
 @pytest.mark.parametrize("t", [0.2, 0.5, 0.9])
 def test_the_translational_equation_leaves_nothing_in_either_frame(t, frame):
-    def x(t: float) -> Array:
+    def x(t):
         c, d = COMPLIANT.sample(t), DESIRED.sample(t)
         return c.p_d - d.p_d if frame == "base" else d.R_d.T @ (c.p_d - d.p_d)
 
@@ -345,33 +325,18 @@ def test_the_residual_of_a_run_is_what_its_force_and_moment_lack(tmp_path):
         measure("force_residual", replace(run, parameters={}))
 
 
-def test_what_is_about_the_desired_frame_turns_with_it(tmp_path):
-    R_d = R_angle_axis(math.pi / 2, np.array([0.0, 0.0, 1.0]))  # its x is y of the base
-    desired = DesiredFrame(P_D, R_d)
-    frame = DesiredFrame(P_D + [0.0, 0.01, 0.0], R_d @ exp(np.array([0.0, 0.4, 0.0])))
-    # along x, K_p 1000, and about y, K_o 10, of the desired frame, whose y is -x of the base
-    balance = [0.0, 10.0, 0.0, -10.0 * math.sin(0.4), 0.0, 0.0]
-    run = complying(tmp_path, [frame], [balance], translational_frame="desired")
-    run = replace(run, compliant=replace(run.compliant, desired=Frames.of([desired])))
-    assert measure("force_residual", run) == pytest.approx(0.0, abs=EXACT)
-    assert measure("moment_residual", run) == pytest.approx(0.0, abs=EXACT)
-    assert measure("moment_axis_angle", run) == pytest.approx(0.0, abs=1e-6)
-    assert measure("apparent_stiffness", run) == pytest.approx(10 * math.sin(0.4) / 0.4)
-    assert measure("apparent_translational_stiffness", run) == pytest.approx(1000.0)
-    base = replace(run, parameters={NODE: IMPEDANCE})  # 500 N/m along y of the base
-    assert measure("force_residual", base) == pytest.approx(5.0)
-
-
-# --- the centre of compliance --------------------------------------------------------
-def test_force_and_moment_count_at_the_centre_of_compliance(tmp_path):
+def test_force_and_moment_count_at_the_centre_of_compliance_in_desired_axes(tmp_path):
     # the centre is 0.5 m along the rod and 0.1 m along z beyond the tip; the rod rests at q = 0
-    offset = np.array([0.5, 0.0, 0.1])
-    angle, p = 0.3, np.array([0.02, 0.01, 0.0])  # of the centre; 1000, 500 N/m; 10 Nm/rad
-    frame = turned(0.0, angle, 0.0)
-    frame = frame._replace(p_d=P_D + offset + p - frame.R_d @ offset)
-    f, mu = np.array([20.0, 5.0, 0.0]), np.array([0.0, 10.0 * math.sin(angle), 0.0])
+    offset, angle = np.array([0.5, 0.0, 0.1]), 0.3
+    R_d = R_angle_axis(math.pi / 2, np.array([0.0, 0.0, 1.0]))  # its x is y of the base
+    R_c, p = R_d @ exp(np.array([0.0, angle, 0.0])), R_d @ [0.02, 0.01, 0.0]
+    frame = DesiredFrame(P_D + R_d @ offset + p - R_c @ offset, R_c)
+    f, mu = R_d @ [20.0, 5.0, 0.0], R_d @ [0.0, 10.0 * math.sin(angle), 0.0]  # 1000, 500 N/m
     balance = [*f, *(mu + np.cross(offset, f))]
-    run = complying(tmp_path, [frame] * 2, [balance] * 2, compliance_offset=offset.tolist())
+    told = {"compliance_offset": offset.tolist(), "translational_frame": "desired"}
+    run = complying(tmp_path, [frame] * 2, [balance] * 2, **told)
+    desired = Frames.of([DesiredFrame(P_D, R_d)] * 2)
+    run = replace(run, compliant=replace(run.compliant, desired=desired))
     assert measure("force_residual", run) == pytest.approx(0.0, abs=EXACT)
     assert measure("moment_residual", run) == pytest.approx(0.0, abs=EXACT)
     assert measure("apparent_stiffness", run) == pytest.approx(10 * math.sin(angle) / angle)
@@ -382,13 +347,15 @@ def test_force_and_moment_count_at_the_centre_of_compliance(tmp_path):
     assert measure("final_moment", run) == pytest.approx(float(np.linalg.norm(balance[3:])))
     tip = np.linalg.norm(frame.p_d - P_D)
     assert measure("final_displacement", run) == pytest.approx(1e3 * float(tip))
+    base = replace(run, parameters={NODE: run.parameters[NODE] | {"translational_frame": "base"}})
+    assert measure("force_residual", base) == pytest.approx(math.hypot(5.0, 10.0))
 
 
 # --- springs of compliance control ---------------------------------------------------
-TOLD: dict[str, Any] = {"K_p": [100.0] * 3, "K_o": [8.0] * 3}
+TOLD = {"K_p": [100.0] * 3, "K_o": [8.0] * 3}
 
 
-def sprung(folder: Path, q: Any, changes: Any = (), **told: Any) -> Recording:
+def sprung(folder, q, changes=(), **told):
     """Return a run of compliance control; changes (sample, factor of K, clips) of its springs."""
     impedances = {
         k: partial(springs_to_ros, factor * 100.0 * np.eye(3), factor * 8.0 * np.eye(3), clips)
@@ -398,7 +365,7 @@ def sprung(folder: Path, q: Any, changes: Any = (), **told: Any) -> Recording:
     return recorded(folder, q, **run)
 
 
-def elastic_energy(q: float, clips: tuple[float, float], factor: float = 1.0) -> float:
+def elastic_energy(q, clips, factor=1.0):
     """Return that [J] of TOLD and the rod, which is 1 m long; 2 eps' K_o eps, (68)."""
     roots = [math.sqrt(factor * K) for K in (100.0, 8.0)]
     s = [2.0 * math.sin(q / 2) * root for root in roots]
@@ -422,7 +389,7 @@ def test_springs_take_their_energy_on_the_way_out_and_give_it_back(tmp_path, cli
         measure("spring_work", replace(out, parameters={}))
 
 
-def energies(run: Recording) -> dict[float, float]:
+def energies(run):
     """Return the elastic energy [J] by instant [s]."""
     t, energy = BY_NAME["elastic_energy"].samples(run)
     return dict(zip(t.tolist(), energy.tolist(), strict=True))

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from contextlib import contextmanager
 from pathlib import Path
 
 import numba.core.event
@@ -13,16 +12,12 @@ from plain_run import all_commands
 from tolerances import assert_close
 
 from eulerparams_control.laws.jit import cache_folder
-from eulerparams_control.laws.orientation import ORIENTATIONS
-from eulerparams_control.parameters.schemes import schemes
-from eulerparams_control.robot.catalogue import load_robot
 
 
 class Compilations(numba.core.event.Listener):
     """Counts what numba compiles."""
 
-    def __init__(self):
-        self.count = 0
+    count = 0
 
     def on_start(self, event):
         self.count += 1
@@ -31,18 +26,12 @@ class Compilations(numba.core.event.Listener):
         """Nothing is counted at the end."""
 
 
-@contextmanager
-def counted():
-    compilations = Compilations()
-    with numba.core.event.install_listener("numba:compile", compilations):
-        yield compilations
-
-
 def test_schemes_command_the_same_where_nothing_is_compiled_and_compile_nothing(tmp_path):
     script, file = Path(__file__).with_name("plain_run.py"), tmp_path / "commands.npz"
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
     subprocess.run([sys.executable, script, file], env=environment, check=True)
-    with counted() as compilations:
+    compilations = Compilations()
+    with numba.core.event.install_listener("numba:compile", compilations):
         compiled = all_commands()
     assert compilations.count == 0
     plain = np.load(file)
@@ -50,20 +39,6 @@ def test_schemes_command_the_same_where_nothing_is_compiled_and_compile_nothing(
     for name, commands in compiled.items():
         scale = np.abs(commands).max()
         assert_close(plain[name] / scale, commands / scale, 1e-12)
-
-
-@pytest.mark.parametrize("name", schemes())
-def test_another_representation_compiles_nothing(name):
-    ur5 = load_robot("ur5")
-    parameters = schemes()[name].parameters
-    robot = parameters(tip_frame=ur5.tip_frame).robot(ur5.urdf)
-    scheme, home = parameters(tip_frame=ur5.tip_frame).make_scheme(robot), np.array(ur5.home)
-    scheme.reset(home)
-    with counted() as compilations:
-        for orientation in ORIENTATIONS:
-            scheme.change(parameters(tip_frame=ur5.tip_frame, orientation=orientation))
-            scheme.tick(1e-3, home, np.zeros(6), scheme.frame_at(home))
-    assert compilations.count == 0
 
 
 @pytest.mark.slow

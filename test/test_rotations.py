@@ -14,7 +14,7 @@ from tolerances import ALGEBRAIC, ASIN, DIFFERENCES, ETA_NEAR_PI, RELATIVE, UNBO
 from eulerparams_control.errors import ConfigurationError, SingularityError, UnknownNameError
 from eulerparams_control.laws import rotations as so3
 from eulerparams_control.laws.orientation import SEPARATE, SEQUENCES, SIGNS, EulerSequence, SignRule
-from eulerparams_control.laws.orientation.sequences import R_axis, wrap
+from eulerparams_control.laws.orientation.sequences import R_axis
 from eulerparams_control.laws.rotations import EulerParameters
 
 X, Y, Z = np.eye(3)
@@ -117,11 +117,15 @@ def test_composition_is_the_mutual_rotation_and_the_conjugate_inverts():
 
 
 # --- exponential and logarithm ---------------------------------------------------------------
-@pytest.mark.parametrize("theta", [*LOG_ANGLES, so3.SMALL_ANGLE, 4.0, 7.0])
+@pytest.mark.parametrize("theta", [*LOG_ANGLES, so3.SMALL_ANGLE, math.pi, 4.0, 7.0])
 def test_exp_turns_by_the_length_about_the_direction_and_log_inverts_it_accurately(theta):
     for r in samples.unit_vectors(50):
         assert_close(so3.exp(theta * r), samples.rodrigues(theta, r))
         if theta <= math.pi:
+            Q = EulerParameters.from_angle_axis(theta, r)
+            np.testing.assert_allclose(so3.rotation_vector(*Q), theta * r, rtol=RELATIVE, atol=0)
+            assert_close(so3.rotation_vector(*-Q), -(2 * math.pi - theta) * r)  # the long way round
+        if theta < math.pi:
             for R in (so3.exp(theta * r), samples.rodrigues(theta, r)):
                 assert np.linalg.norm(so3.log(R) - theta * r) / theta < ALGEBRAIC
 
@@ -134,14 +138,6 @@ def test_exp_inverts_log_at_every_angle():
     np.testing.assert_array_equal(so3.exp(np.zeros(3)), np.eye(3))
     for eta in (1.0, -1.0):
         np.testing.assert_array_equal(so3.rotation_vector(eta, np.zeros(3)), np.zeros(3))
-
-
-@pytest.mark.parametrize("theta", [*LOG_ANGLES, math.pi - 1e-9, math.pi])
-def test_rotation_vector_is_theta_r_and_of_negative_eta_the_long_way_round(theta):
-    for r in samples.unit_vectors(20):
-        Q = EulerParameters.from_angle_axis(theta, r)
-        np.testing.assert_allclose(so3.rotation_vector(*Q), theta * r, rtol=RELATIVE, atol=0)
-        assert_close(so3.rotation_vector(*-Q), -(2 * math.pi - theta) * r)
 
 
 # Angles [rad] on both sides of where the series of the right Jacobian ends.
@@ -287,13 +283,9 @@ def assert_extracts(sequence, R, previous=None):
     return phi
 
 
-def test_there_are_the_12_sequences_whose_neighbours_differ_with_their_axes_and_kind():
+def test_there_are_the_12_sequences_whose_neighbours_differ():
     letters = itertools.product("XYZ", repeat=3)
-    assert set(SEQUENCES) == {i + j + k for i, j, k in letters if i != j and j != k}
-    assert len(SEQUENCES) == 12
-    for name in SEQUENCES:
-        assert EulerSequence(name).axes == samples.axes_of(name)
-    assert EulerSequence() == EulerSequence("XYZ")  # that of the paper
+    assert sorted(SEQUENCES) == [i + j + k for i, j, k in letters if i != j and j != k]
 
 
 @every_sequence
@@ -363,14 +355,3 @@ def test_of_the_previous_angles_only_gamma_is_kept_and_only_at_the_pole(sequence
             assert assert_extracts(sequence, R)[2] == 0.0
     for R in samples.clear_of_poles(sequence, FEW):
         np.testing.assert_array_equal(euler.extract(R, previous), euler.extract(R))
-
-
-def test_wrapped_angles_differ_by_whole_turns_and_lie_within_a_half_turn():
-    edges = [math.pi, -math.pi, np.nextafter(math.pi, 4.0), 3 * math.pi, 5 * math.pi]
-    angles = np.concatenate((samples.generator(13).uniform(-20, 20, size=3000), edges))
-    wrapped = wrap(angles)
-    turns = (angles - wrapped) / (2 * math.pi)
-    assert_close(turns, np.round(turns))
-    assert (wrapped > -math.pi).all()
-    assert (wrapped <= math.pi).all()
-    np.testing.assert_array_equal(wrapped[-5:-3], math.pi)

@@ -42,9 +42,6 @@ STEP, DIFFERENCES = 1e-6, 1e-8
 SECOND_STEP, SECOND_DIFFERENCES = 1e-3, 1e-6
 # Samples "away from the pole": third derivatives of the angles grow like 1/distance^3.
 POLE_CLEARANCE = 0.3
-# An error is of first order in this rotation; what it leaves out is of order SMALL_ROTATION^2,
-# with a factor of up to 1 / sin(POLE_CLEARANCE)^2 for Euler angles.
-SMALL_ROTATION, FIRST_ORDER = 1e-5, 1e-8
 # Slopes [N, Nm] of energies of up to 1 J: rounding 1e-16 / STEP, truncation STEP^2 times third
 # derivatives of up to 1e5 where a spring is clipped.
 GRADIENT = 1e-6
