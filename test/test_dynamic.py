@@ -415,7 +415,7 @@ def test_a_tick_that_is_refused_leaves_the_step_to_another_law_to_the_next_one()
 def test_over_a_change_of_the_law_no_derivative_of_V_2_is_measured():  # eqs. (42), (43)
     scheme, plant, is_measured = free(), Plant(), []
     controller = Controller(scheme, ControllerOptions(), HOME)
-    controller.orders.follow(way_points([1.0], [displaced(0.05, 0.3)[:2]]), None)
+    controller.follow(way_points([1.0], [displaced(0.05, 0.3)[:2]]), None)
     for k in range(50):
         if k == 45:
             change(scheme, k_Po=100.0)
