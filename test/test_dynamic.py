@@ -119,7 +119,7 @@ def test_a_switch_that_is_off_leaves_out_exactly_its_term(switch):
         tau, without = (one.tick(0.0, q, dq, desired).command.effort for one in (on, off))
         assert_close(tau - without, term, 1e3 * ALGEBRAIC)
         assert np.abs(term).max() > 0.01
-        whole = state.B @ on.dynamics.ddq + state.C_dq + state.g + d  # eq. (33)
+        whole = state.B @ on.ddq + state.C_dq + state.g + d  # eq. (33)
         assert_close(tau, whole, 1e3 * ALGEBRAIC)
 
 
@@ -132,7 +132,7 @@ def test_posture_and_damping_do_not_change_the_acceleration_of_the_tip(name):
     for q, dq, desired in samples(robot, home):
         for scheme in (plain, tending):
             scheme.tick(0.0, q, dq, desired)
-        ddq, ddq_0 = tending.dynamics.ddq, plain.dynamics.ddq
+        ddq, ddq_0 = tending.ddq, plain.ddq
         J = robot.state(q, dq).J
         null = np.linalg.svd(J)[2][6]
         assert_close(J @ ddq, J @ ddq_0, NULL_SPACE)
@@ -157,10 +157,10 @@ def at_the_wrist_singularity():
 def test_at_a_singularity_the_motion_that_does_not_move_the_tip_is_damped():
     q, lost, null = at_the_wrist_singularity()
     for speed, k_null in ((0.5, 10.0), (-1.0, 4.0), (1.0, 0.0)):
-        state, dynamics = UR5.dynamic_state(q, speed * null), free(k_null=k_null).dynamics
-        ddq_0 = dynamics.null_acceleration(q, speed * null)
+        state, scheme = UR5.dynamic_state(q, speed * null), free(k_null=k_null)
+        ddq_0 = scheme.null_acceleration(q, speed * null)
         # an acceleration of the tip that no joint can give is not tried
-        still, far = (joint_acceleration(state, a, dynamics.inverse, ddq_0)
+        still, far = (joint_acceleration(state, a, scheme.inverse, ddq_0)
                       for a in (np.zeros(6), 1e3 * lost))  # fmt: skip
         assert null @ still == pytest.approx(-k_null * speed, abs=NULL_SPACE)
         assert_close(far, still, 1e3 * NULL_SPACE)
@@ -293,7 +293,7 @@ def test_the_limits_of_efforts_count_what_the_robot_adds(compensated):
         total = scheme.tick(1e-3, q, still, goal).command.effort + (not compensated) * state.g
         part = np.abs(total) / robot.limits.effort
         assert part.max() == pytest.approx(1, rel=RELATIVE)
-        step, asked = total - state.g, state.B @ scheme.dynamics.ddq  # shortened as a whole
+        step, asked = total - state.g, state.B @ scheme.ddq  # shortened as a whole
         assert_close(step / np.linalg.norm(step), asked / np.linalg.norm(asked))
 
 
