@@ -125,7 +125,7 @@ def test_a_switch_that_is_off_leaves_out_exactly_its_term(switch):
         tau, without = (one.tick(0.0, q, dq, desired).command.effort for one in (on, off))
         assert_close(tau - without, term, 1e3 * ALGEBRAIC)
         assert np.abs(term).max() > 0.01
-        whole = state.B @ on.dynamics.ddq + state.C_dq + state.g + d  # eq. (33)
+        whole = state.B @ on.ddq + state.C_dq + state.g + d  # eq. (33)
         assert_close(tau, whole, 1e3 * ALGEBRAIC)
 
 
@@ -142,7 +142,7 @@ def test_posture_and_damping_act_in_the_null_space_and_do_not_move_the_tip(name)
         for scheme in (*kinematic, *dynamic):
             scheme.reset(q)
             tick = scheme.tick(0.0, q, dq, desired)
-            found.append(scheme.dynamics.ddq if scheme in dynamic else tick.command.dq)
+            found.append(scheme.ddq if scheme in dynamic else tick.command.dq)
         for plain, tending, expected in (
             (*found[:2], -30 * away),
             (*found[2:], -7 * dq - 30 * away),
@@ -168,7 +168,7 @@ def at_the_wrist_singularity():
 def test_at_a_singularity_the_motion_that_does_not_move_the_tip_is_damped():
     q, lost, null = at_the_wrist_singularity()
     for speed, k_null in ((0.5, 10.0), (-1.0, 4.0), (1.0, 0.0)):
-        state, dynamics = UR5.dynamic_state(q, speed * null), free(k_null=k_null).dynamics
+        state, dynamics = UR5.dynamic_state(q, speed * null), free(k_null=k_null)
         ddq_0 = dynamics.null_acceleration(q, speed * null)
         # an acceleration of the tip that no joint can give is not tried
         still, far = (joint_acceleration(state, a, dynamics.inverse, ddq_0)
@@ -311,7 +311,7 @@ def test_the_limits_of_efforts_count_what_the_robot_adds(compensated):
         total = scheme.tick(1e-3, q, still, goal).command.effort + (not compensated) * state.g
         part = np.abs(total) / robot.limits.effort
         assert part.max() == pytest.approx(1, rel=RELATIVE)
-        step, asked = total - state.g, state.B @ scheme.dynamics.ddq  # shortened as a whole
+        step, asked = total - state.g, state.B @ scheme.ddq  # shortened as a whole
         assert_close(step / np.linalg.norm(step), asked / np.linalg.norm(asked))
 
 

@@ -26,10 +26,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws.dynamic_control import EffortControl
 from eulerparams_control.laws.elasticity import Elasticity, SpringWrench
 from eulerparams_control.laws.inverse import matrix_product, solved, symmetric_modes
-from eulerparams_control.laws.inverse_dynamics import joint_acceleration
+from eulerparams_control.laws.inverse_dynamics import EffortControl, joint_acceleration
 from eulerparams_control.laws.jit import f8, jit, matrix, new_matrix, new_vector, types, vector
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import Lyapunov
@@ -107,9 +106,7 @@ def compliance(
     M = solved(state.B, arm.J.T)  # B^-1 J'
     mobility = arm.J @ M  # Lambda^-1
     E, rate, turning = modal_damping(F, mobility, ratio_p, ratio_o)  # D = F E
-    drag, lead = E @ v, E @ v_d
-    k = lead_share(F, w, drag, lead, clip_share * elasticity.clips)
-    damping = F @ (k * lead - drag)  # -D (v - v_d) where k = 1
+    damping = dampers(F, E, w, v, v_d, clip_share * elasticity.clips)  # -D (v - v_d)
     return TipWrench(springs, w, damping, E, (rate, turning), M, mobility, v, v_d)
 
 
@@ -120,11 +117,7 @@ def compliance(
 def modal_damping(
     F: Array, mobility: Array, ratio_p: float, ratio_o: float
 ) -> tuple[Array, float, float]:
-    """Return E (6, 6) = Y diag(2 zeta / omega) Y' F', and a fastest mode.
-
-    Of F' Lambda^-1 F = Y diag(omega^2) Y'; of that mode the rate [1/s], and the part of its energy
-    that is rotational.
-    """
+    """Return E (6, 6) = Y diag(2 zeta / omega) Y' F', and :class:`TipWrench` ``mode``."""
     modes = matrix_product(F.T, matrix_product(mobility, F))
     Y, E = np.empty((6, 6)), np.zeros((6, 6))
     symmetric_modes(modes, Y)
@@ -141,15 +134,14 @@ def modal_damping(
     return E, rate, turning
 
 
-@jit(f8(matrix, vector, vector, vector, vector))
-def lead_share(F: Array, w: Array, drag: Array, lead: Array, most: Array) -> float:
-    """Return the largest k in [0, 1] with |F^-1 w - drag + k lead| <= most, of both parts.
+@jit(new_vector(matrix, matrix, vector, vector, vector, vector))
+def dampers(F: Array, E: Array, w: Array, v: Array, v_d: Array, most: Array) -> Array:
+    """Return -D (v - k v_d), D = F E, k in [0, 1] with |F^-1 w - E v + k E v_d| <= most (2,).
 
-    So the feed-forward of the dampers, lead = F^-1 D v_d, pushes the tip by no more than the
-    springs w may.  Where these and the drag F^-1 D v are more already it is the k that does not add
-    to them; 1 at a singularity.
+    So the feed-forward pushes the tip by no more than the springs w may.  Where these and the drag
+    are more already k is the largest that does not add to them; 1 at a singularity.
     """
-    share = 1.0
+    drag, lead, share = (E * v).sum(axis=1), (E * v_d).sum(axis=1), 1.0
     for part in range(2):
         own = slice(3 * part, 3 * part + 3)
         rest = solve(F[own, own], w[own]) - drag[own]
@@ -158,7 +150,7 @@ def lead_share(F: Array, w: Array, drag: Array, lead: Array, most: Array) -> flo
         if square + 2.0 * along + over > 0.0:
             k = (math.sqrt(max(along * along - square * over, 0.0)) - along) / square
             share = min(share, max(0.0, k))
-    return share
+    return (F * (share * lead - drag)).sum(axis=1)
 
 
 @jit(f8(f8, f8, f8, f8, f8, f8))
@@ -336,8 +328,8 @@ class ComplianceControl(EffortControl):
             lost -= float(braking @ tip.v)
             w = w + braking
         a_d = np.concatenate(desired[4:])
-        ddq_0 = self.dynamics.null_acceleration(arm.q, arm.dq)
-        ddq_d = joint_acceleration(state, a_d, self.dynamics.inverse, ddq_0)  # (33)
+        ddq_0 = self.null_acceleration(arm.q, arm.dq)
+        ddq_d = joint_acceleration(state, a_d, self.inverse, ddq_0)  # (33)
         ddq = ddq_d + tip.M @ (w + tip.damping)
         return ddq, x_de, SpringDamperState(f, mu, energy, lost, excess, self._lowered)
 
@@ -345,11 +337,11 @@ class ComplianceControl(EffortControl):
         """Return the parts of a wrench w (6,) that may drive a tip at rest, and this one."""
         a = tip.mobility @ w
         b = tip.mobility @ (tip.springs.F @ (tip.E @ a))
-        return release_margins(tip.v, a, b, self._speeds, J.T @ w, self.dynamics.rate, dt)
+        return release_margins(tip.v, a, b, self._speeds, J.T @ w, self._rate, dt)
 
     @property
     def fastest_gain(self) -> LoopGain | None:
-        """The stiffness of the fastest mode where the arm was last; None before the first tick."""
+        """The stiffness of the fastest mode in the last tick; None before the first one."""
         if self._mode is None:
             return None
         rate, turning = self._mode

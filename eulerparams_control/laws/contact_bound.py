@@ -20,22 +20,22 @@ import numpy as np
 
 from eulerparams_control.laws.impedance_matrices import Impedance
 
-MARGIN = 2.0
-"""The ratio of the stiffness at which the contact oscillates to the stiffest one."""
+# The ratio of the stiffness at which the contact oscillates to the stiffest one.
+_MARGIN = 2.0
 
 # Where no value up to this will do, none does; halvings of the interval in which one lies.
 _NEVER, _HALVINGS = 1e9, 100
 
 
 def stiffest_contact(Z: Impedance, lag: float, delay: float) -> float:
-    """Return the stiffness [N/m] of the stiffest contact that is stable with the margin, (CB2).
+    """Return the stiffness [N/m] of the stiffest contact that is stable, (CB2); inf: any is.
 
-    Along each axis of the damping; those of M and K should be the same.  inf: any.  The delay T [s]
-    has that of the sensor in it.
+    Along each axis of the damping; those of M and K should be the same.  The delay T [s] has that
+    of the sensor in it.
     """
     _, axes = np.linalg.eigh(Z.D)
     along = (tuple(float(u @ A @ u) for A in (Z.M, Z.D, Z.K)) for u in axes.T)
-    return min(_along(M, D, K, lag, delay) for M, D, K in along) / MARGIN
+    return min(_along(M, D, K, lag, delay) for M, D, K in along) / _MARGIN
 
 
 def _along(M: float, D: float, K: float, lag: float, delay: float) -> float:
@@ -54,7 +54,7 @@ def _along(M: float, D: float, K: float, lag: float, delay: float) -> float:
 
 def damping_for(stiffness: float, M: float, lag: float, delay: float) -> float:
     """Return the damping [Ns/m] with which a contact of a stiffness [N/m] is stable, (CB2)."""
-    return _least(lambda D: _along(M, D, 0.0, lag, delay) >= MARGIN * stiffness)
+    return _least(lambda D: _along(M, D, 0.0, lag, delay) >= _MARGIN * stiffness)
 
 
 def _least(will_do: Callable[[float], bool]) -> float:

@@ -6,39 +6,22 @@ the representation; ``k_Pp, k_Po`` [1/s^2] and ``k_Vp, k_Vo`` [1/s] gains; base 
 """
 
 import math
-from abc import abstractmethod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from eulerparams_control.errors import SingularityError
-from eulerparams_control.laws.blend import Blend
-from eulerparams_control.laws.hold import NO_CONTACT, JointHold, contact_force
-from eulerparams_control.laws.inverse_dynamics import InverseDynamics, joint_acceleration
+from eulerparams_control.laws.inverse_dynamics import EffortControl, joint_acceleration
 from eulerparams_control.laws.jit import f8, jit
-from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
 from eulerparams_control.laws.rotations import Array, chord, norm
-from eulerparams_control.laws.scheme import (
-    Bounds,
-    JointCommand,
-    LoopGain,
-    Scheme,
-    Tick,
-    refuse_error,
-)
+from eulerparams_control.laws.scheme import Bounds, JointCommand, LoopGain, Tick, refuse_error
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.motion_limits import approach
 from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
 
 if TYPE_CHECKING:
-    from eulerparams_control.parameters.efforts import EffortParameters, ResolvedParameters
-
-# States that come slower than this [1/s] cannot hold the joints.
-_HOLD_RATE = 20.0
-
-# Square [Nm^2] of the external efforts below which the arm touches nothing.
-_NO_EFFORT = 1.0
+    from eulerparams_control.parameters.efforts import ResolvedParameters
 
 # Least damping k_V [1/s], for a finite k_P / k_V.
 _LEAST_DAMPING = 1e-100
@@ -71,164 +54,6 @@ def resolved_acceleration(
     return np.concatenate((a_p, a_o)), x_de
 
 
-class EffortControl(Scheme):
-    """Base of the schemes that command efforts: inverse dynamics, limits, and the hold."""
-
-    hold_rate = _HOLD_RATE
-    blend_time = 0.1  # [s] in which the command goes over to a law that replaces another
-    parameters: "EffortParameters"
-    orientation: OrientationRepresentation
-
-    def __init__(self, robot: Robot, parameters: "EffortParameters") -> None:
-        self.robot = robot
-        self._blend = Blend(self.blend_time)
-        self.dynamics = InverseDynamics(robot)
-        self._take(parameters)
-        self.reset(np.zeros(robot.n))
-
-    def _take(self, parameters: Any) -> None:
-        limits, orientation = parameters.limits(self.robot), parameters.representation()
-        self.dynamics.change(parameters)
-        self.parameters, self.orientation, self.limits = parameters, orientation, limits
-        self._motion = parameters.motion_limits()
-
-    @abstractmethod
-    def _accelerate(
-        self, dt: float, state: DynamicState, desired: DesiredFrame
-    ) -> tuple[Array, Any, Any]:
-        """Return ddq (n,) [rad/s^2] of the law, x_de, and the effects of a :class:`Tick`."""
-
-    def _excess(self, dq: Array, ddq: Array, effects: Any) -> float:
-        return 1.0 if self.limits is None else self.limits.excess_after(dq, ddq)
-
-    def _effort_limits(self) -> JointLimits | None:
-        return self.limits
-
-    def change(self, parameters: "EffortParameters") -> None:
-        """Go over to other parameters, without a jump of the command."""
-        orientation = self.orientation
-        self._take(parameters)
-        if self.orientation != orientation:
-            self._forget_x()  # it means nothing to another representation
-        if not self._saturated:  # else its acceleration is not that of the arm: nothing to blend
-            self._blend.replace(self.dynamics.ddq)
-
-    def _forget_x(self) -> None:
-        self._x_de: Any = None
-
-    @property
-    def bounds(self) -> Bounds:
-        """The limits of the joints, and the rate of the efforts."""
-        return Bounds(self.limits, self.dynamics.rate)
-
-    def bound(self, joints: JointLimits) -> None:
-        """Keep to limits of the joints from the next tick on."""
-        self.limits = joints
-
-    def start_from(self, effort: Array | None) -> None:
-        """Begin at the efforts (n,) that the robot reports: see :class:`InverseDynamics`."""
-        self.dynamics.start_from(effort)
-
-    def skip(self) -> None:
-        """Forget the speeds of the tick before, from which accelerations are estimated."""
-        self.dynamics.dq = None
-
-    def reset(self, q: Array) -> None:
-        """Begin at the measured q (n,)."""
-        self.dynamics.reset()
-        self._contact = NO_CONTACT
-        self.resume(q)
-
-    def resume(self, q: Array) -> None:
-        """Begin at the measured q (n,), with the efforts and the contact as they are."""
-        self.dynamics.resume()
-        self._hold: JointHold | None = None
-        self._saturated = False
-        self._leave_the_law(q.copy())
-
-    def _leave_the_law(self, q: Array) -> None:
-        self._q = q
-        self._forget_x()
-        self._blend.reset()
-
-    def hold(self, dt: float, q: Array, dq: Array, w: Array | None = None) -> JointCommand:
-        """Return efforts that stop the joints, and hold them there: see :class:`JointHold`.
-
-        It needs no orientation.  Friction, which helps to stop, is not compensated.  The contact
-        w (6,) is measured, base frame, about the tip; None: it is estimated.
-        """
-        state, dynamics = self.robot.dynamic_state(q, dq), self.dynamics
-        self._leave_the_law(state.arm.q)
-        added = dynamics.added(state)
-        last = dynamics.acting(state.C_dq + state.g - added)
-        e_now, e = dynamics.observe(dt, state), dynamics.external
-        limits, rate, length = self.limits or self.robot.limits, dynamics.rate, self.robot.length
-        if self._hold is None:
-            drove_in = self._contact.drove_in
-            self._hold = JointHold(limits, rate, length, state, e, w, drove_in)
-        self._hold.limits, self._hold.rate = limits, rate
-        tau = self._hold.effort(dt, state, e_now, e, w) - added
-        tau = dynamics.ramped(dt, tau, last)[0]
-        zero = np.zeros_like(tau)
-        if not math.isfinite(tau @ tau):  # the measured state gives no finite efforts
-            tau, self._hold, dynamics.external = last, None, zero
-        dynamics.keep(tau, zero, state.arm.dq, is_obeyed=False)
-        dynamics.drift = zero
-        return JointCommand(effort=tau)
-
-    def last_command(self, q: Array, dq: Array) -> JointCommand:
-        """Return the gravitational efforts at q (n,): nothing in them gets stale."""
-        state = self.robot.dynamic_state(q, np.zeros_like(q))  # C dq = 0
-        tau = state.g - self.dynamics.added(state)
-        return JointCommand(effort=self.robot.limits.limit_effort(tau)[0])
-
-    def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
-        """Return the efforts for this instant; raises SingularityError, FollowingError."""
-        state = self.robot.dynamic_state(q, dq)
-        tick = self.follow(dt, state, desired)
-        self.note_contact(dt, state.arm, desired, None, self.is_pressing)
-        return tick
-
-    def follow(
-        self, dt: float, state: DynamicState, desired: DesiredFrame, h: Array | None = None
-    ) -> Tick:
-        """Return the efforts for a state of the arm, also against a contact h (6,), eq. (48)."""
-        arm, dynamics = state.arm, self.dynamics
-        self._q, self._hold = arm.q, None
-        ddq, x_de, effects = self._accelerate(dt, state, desired)
-        if self.limits is not None:
-            refuse_error(desired, arm, self.parameters)
-        if not math.isfinite(ddq @ ddq):
-            raise SingularityError("the law asks for an infinite joint acceleration")
-        ddq = self._blend(dt, ddq)
-        excess = self._excess(arm.dq, ddq, effects)
-        self._saturated = dynamics.command(dt, state, ddq, h, self._effort_limits())
-        self._x_de = x_de
-        command = JointCommand(effort=dynamics.tau)
-        return Tick(command, desired, arm, x_de, self._saturated, excess, None, effects)
-
-    def note_contact(
-        self,
-        dt: float,
-        arm: RobotState,
-        desired: DesiredFrame,
-        force: Array | None,
-        presses: bool,
-    ) -> None:
-        """Sum up the work on a contact: of the motion, and of the environment on the arm.
-
-        The force (3,) [N] on the tip is measured; None: it is estimated.  ``presses`` is whether
-        the arm is commanded to exert one.
-        """
-        e, is_measured = self.dynamics.external, force is not None
-        if force is None:
-            if not e @ e >= _NO_EFFORT:
-                self._contact = NO_CONTACT
-                return
-            force = contact_force(arm.J, e, self.robot.length)
-        self._contact = self._contact.after(dt, force, is_measured, desired.dp_d, arm.dp_e, presses)
-
-
 class DynamicControl(EffortControl):
     """Resolved acceleration on inverse dynamics, as in Fig. 2."""
 
@@ -257,8 +82,8 @@ class DynamicControl(EffortControl):
         a, x_de = resolved_acceleration(state.arm, desired, self.orientation, self._x_de, gains)
         if not math.isfinite(a @ a):
             raise SingularityError("the law asks for an infinite acceleration of the tip")
-        ddq_0 = self.dynamics.null_acceleration(state.arm.q, state.arm.dq)
-        return joint_acceleration(state, a, self.dynamics.inverse, ddq_0), x_de, None
+        ddq_0 = self.null_acceleration(state.arm.q, state.arm.dq)
+        return joint_acceleration(state, a, self.inverse, ddq_0), x_de, None
 
     def _gains(
         self, state: DynamicState, desired: DesiredFrame
@@ -267,10 +92,9 @@ class DynamicControl(EffortControl):
         p, motion, slope = self.parameters, self._motion, self.orientation.slope
         if motion is None:
             return p.k_Pp, p.k_Vp, p.k_Po, p.k_Vo
-        arm, drift = state.arm, state.arm.J @ self.dynamics.drift
+        arm, drift = state.arm, state.arm.J @ self.drift
         distance, angle = norm(desired.p_d - arm.p_e), chord(desired.R_d, arm.R_e)
-        v, a = motion.linear_speed, motion.linear_acceleration
-        omega, alpha = motion.angular_speed, motion.angular_acceleration
+        (v, omega), (a, alpha) = motion.speeds, motion.accelerations
         k_Pp = braked(p.k_Pp, p.k_Vp, distance, v, a, norm(drift[:3]))
         k_Po = braked(slope * p.k_Po, p.k_Vo, angle, omega, alpha, norm(drift[3:])) / slope
         return k_Pp, p.k_Vp, k_Po, p.k_Vo

@@ -75,13 +75,7 @@ class ContactWork(NamedTuple):
         return self.presses or self.driven > max(self.pushed, 0.0)
 
     def after(
-        self,
-        dt: float,
-        force: Array,
-        is_measured: bool,
-        dp_d: Array,
-        dp_e: Array,
-        presses: bool,
+        self, dt: float, force: Array, is_measured: bool, dp_d: Array, dp_e: Array, presses: bool
     ) -> "ContactWork":
         """Return the work after dt [s] in which a force (3,) [N] acted on the tip."""
         size = norm(force)
@@ -129,7 +123,7 @@ class JointHold:
     ) -> None:
         n, dp_e = len(e), state.arm.dp_e
         self._phase, self._left = _Phase.HELD, 0.0  # [s] to brake
-        self._q_b, self._dq_b, self._ddq_b = state.arm.q.copy(), np.zeros(n), np.zeros(n)
+        self._q_b = self._dq_b = self._ddq_b = np.zeros(n)
         self._fastest, self._most = _LATE_RATE, math.inf
         self.limits, self.rate, self._length, self._drove_in = limits, rate, length, drove_in
         self._unmeasured = e if w is None else np.zeros(n)
@@ -160,8 +154,7 @@ class JointHold:
         w_i = np.minimum(w_i, self._largest_rate(dt, arm.dq, E))
         P = B @ V
         K, D = (P * w_i**2) @ P.T, (P * 2 * w_i) @ P.T
-        self._measure(dt, state, w)
-        self._observe(dt, state, w_i, V, P, e_now, e)
+        self._observe(dt, w_i, V, P, e_now - self._measure(dt, state, w), e)
         self._go_on(0.0 if self._is_new else dt, state, self._force(state, e))
         self._is_new = False
         away = self.limits.difference(self._q_b, arm.q)
@@ -184,8 +177,11 @@ class JointHold:
         self._fastest = min(math.exp(dt / _RISE_OF_RATE) * self._fastest, self._most, largest)
         return self._fastest
 
-    def _measure(self, dt: float, state: DynamicState, w: Array | None) -> None:
-        """Balance the contact that is measured now; one that is no more is unmeasured."""
+    def _measure(self, dt: float, state: DynamicState, w: Array | None) -> Array:
+        """Balance the contact that is measured now, and return what it exerts on the joints.
+
+        One that is measured no more is unmeasured.
+        """
         J = state.arm.J
         if (w is None) != (self._w is None):
             before = np.zeros(6) if w is None else w
@@ -193,28 +189,20 @@ class JointHold:
             self._balanced = before
         self._w = w
         if w is None:
-            return
-        if np.linalg.norm(J.T @ w) <= np.linalg.norm(J.T @ self._balanced):
+            return np.zeros(J.shape[1])
+        measured: Array = J.T @ w
+        if np.linalg.norm(measured) <= np.linalg.norm(J.T @ self._balanced):
             self._balanced = w
         elif state.arm.dp_e @ w[:3] > -_APPROACH_SPEED * np.linalg.norm(w[:3]):
             part = 1 - math.exp(-dt / _RISE_TIME)
             self._balanced = self._balanced + part * (w - self._balanced)
+        return measured
 
-    def _observe(
-        self,
-        dt: float,
-        state: DynamicState,
-        w_i: Array,
-        V: Array,
-        P: Array,
-        e_now: Array,
-        e: Array,
-    ) -> None:
+    def _observe(self, dt: float, w_i: Array, V: Array, P: Array, e_now: Array, e: Array) -> None:
         """Go on to what is not measured of e: the observer of De Luca and others, mode by mode."""
-        measured = 0.0 if self._w is None else state.arm.J.T @ self._w
         k_i = np.minimum(_OBSERVER_PART, 1 / (1 + _UNKNOWN_ROTOR * (V**2).sum(axis=0)))
         part = 1 - np.exp(-k_i * w_i * dt)
-        change = P @ (part * (V.T @ (e_now - measured - self._unmeasured)))
+        change = P @ (part * (V.T @ (e_now - self._unmeasured)))
         self._unmeasured = math.exp(-dt / _FADE_TIME) * self._unmeasured + change
         if self._w is None:
             left, held = V.T @ e / w_i, V.T @ self._unmeasured / w_i

@@ -6,16 +6,22 @@ external efforts: what the environment exerts on the joints.
 """
 
 import math
-from typing import TYPE_CHECKING
+from abc import abstractmethod
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from eulerparams_control.errors import RobotError, SingularityError
+from eulerparams_control.laws.blend import Blend
+from eulerparams_control.laws.hold import NO_CONTACT, JointHold, contact_force
 from eulerparams_control.laws.inverse import DampedInverse
 from eulerparams_control.laws.jit import b1, jit, new_vector, types, vector
 from eulerparams_control.laws.limits import SHORTEST, JointLimits, factor_within
+from eulerparams_control.laws.orientation import OrientationRepresentation
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.robot.robot import DynamicState, Robot
+from eulerparams_control.laws.scheme import Bounds, JointCommand, Scheme, Tick, refuse_error
+from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
 
 if TYPE_CHECKING:
     from eulerparams_control.parameters.efforts import EffortParameters
@@ -23,6 +29,9 @@ if TYPE_CHECKING:
 # Time constant [s] of the acceleration that disturbances cause, and rate [1/s] at which the
 # external efforts are estimated.
 _DRIFT_TIME, _OBSERVER_RATE = 0.005, 100.0
+
+# Square [Nm^2] of the external efforts below which the arm touches nothing.
+_NO_EFFORT = 1.0
 
 # Least eigenvalue of a valid joint inertia [kg m^2].
 _LEAST_INERTIA = 1e-7
@@ -46,43 +55,71 @@ def joint_efforts(state: DynamicState, ddq: Array, h: Array | None = None) -> Ar
     return tau if h is None else tau + state.arm.J.T @ h  # (48)
 
 
-class InverseDynamics:
-    """Efforts for joint accelerations, within the limits; estimates of what else acts on the arm.
+class EffortControl(Scheme):
+    """Base of the schemes that command efforts: inverse dynamics within limits, and the hold.
 
     Attributes:
-        rate: (n,) [Nm/s] at which efforts may change.
+        limits: of the joints; None: nothing is limited.
         tau: (n,) the last efforts; None before the first.
         ddq: (n,) the last accelerations, as far as the limits allow them.
-        dq: (n,) speeds in the tick before; None where they are not known.
         external: (n,) e as it is estimated by eq. (32).
         drift: (n,) by how much [rad/s^2] the joints accelerate more than commanded.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        self.robot, self._zero = robot, np.zeros(robot.n)
-        refuse_model(robot)
-        self._start: Array | None = None
-        self.reset()
+    hold_rate = 20.0  # [1/s] states that come slower cannot hold the joints
+    blend_time = 0.1  # [s] in which the command goes over to a law that replaces another
+    parameters: "EffortParameters"
+    orientation: OrientationRepresentation
 
-    def change(self, parameters: "EffortParameters") -> None:
+    def __init__(self, robot: Robot, parameters: "EffortParameters") -> None:
+        refuse_model(robot)
+        self.robot, self._zero, self._blend = robot, np.zeros(robot.n), Blend(self.blend_time)
+        self._start: Array | None = None
+        self._take(parameters)
+        self.reset(self._zero)
+
+    def _take(self, parameters: Any) -> None:
         """Go over to other parameters; if they are refused, the ones before stay in force."""
         robot = self.robot
         friction, posture = parameters.friction_of(robot), parameters.posture_of(robot)
-        rate = parameters.effort_rate(robot)
-        self._friction, self._posture, self.rate = friction, posture, rate
-        self.inverse, self._parameters = parameters.inverse(robot), parameters
+        rate, limits = parameters.effort_rate(robot), parameters.limits(robot)
+        inverse, orientation = parameters.inverse(robot), parameters.representation()
+        self.parameters, self.orientation = parameters, orientation
+        self._friction, self._posture, self._rate, self.limits = friction, posture, rate, limits
+        self.inverse, self._motion = inverse, parameters.motion_limits()
 
-    def reset(self) -> None:
-        """Forget the efforts before."""
-        self.tau: Array | None = None
-        self.dq: Array | None = None
-        self.external = self._zero
-        self.resume()
+    @abstractmethod
+    def _accelerate(
+        self, dt: float, state: DynamicState, desired: DesiredFrame
+    ) -> tuple[Array, Any, Any]:
+        """Return ddq (n,) [rad/s^2] of the law, x_de, and the effects of a :class:`Tick`."""
 
-    def resume(self) -> None:
-        """Forget the accelerations before; the efforts act on."""
-        self.ddq = self.drift = self._zero
-        self._is_obeyed = False  # by the efforts before: they were not cut
+    def _excess(self, dq: Array, ddq: Array, effects: Any) -> float:
+        return 1.0 if self.limits is None else self.limits.excess_after(dq, ddq)
+
+    def _effort_limits(self) -> JointLimits | None:
+        return self.limits
+
+    def change(self, parameters: "EffortParameters") -> None:
+        """Go over to other parameters, without a jump of the command."""
+        orientation = self.orientation
+        self._take(parameters)
+        if self.orientation != orientation:
+            self._forget_x()  # it means nothing to another representation
+        if not self._saturated:  # else its acceleration is not that of the arm: nothing to blend
+            self._blend.replace(self.ddq)
+
+    def _forget_x(self) -> None:
+        self._x_de: Any = None
+
+    @property
+    def bounds(self) -> Bounds:
+        """The limits of the joints, and the rate of the efforts."""
+        return Bounds(self.limits, self._rate)
+
+    def bound(self, joints: JointLimits) -> None:
+        """Keep to limits of the joints from the next tick on."""
+        self.limits = joints
 
     def start_from(self, effort: Array | None) -> None:
         """Begin at the efforts (n,) that the robot reports, if it does; else at its weight.
@@ -91,44 +128,92 @@ class InverseDynamics:
         """
         self._start = None
         is_known = effort is not None and np.isfinite(effort).all() and effort.any()
-        if effort is not None and is_known and self._parameters.compensate_gravity:
+        if effort is not None and is_known and self.parameters.compensate_gravity:
             self._start = self.robot.limits.limit_effort(effort)[0]
 
-    def added(self, state: DynamicState) -> Array:
-        """Return the efforts (n,) that the robot adds itself: the terms not compensated here."""
-        p, added = self._parameters, self._zero
-        if not p.compensate_gravity:
-            added = added + state.g
-        return added if p.compensate_coriolis else added + state.C_dq
+    def skip(self) -> None:
+        """Forget the speeds of the tick before, from which accelerations are estimated."""
+        self._dq: Array | None = None
 
-    def acting(self, unknown: Array) -> Array:
-        """Return the efforts (n,) that act until the next ones; ``unknown`` if nobody knows."""
-        acting = self._start if self.tau is None else self.tau
-        return unknown if acting is None else acting
+    def reset(self, q: Array) -> None:
+        """Begin at the measured q (n,)."""
+        self.tau: Array | None = None
+        self.external, self._contact = self._zero, NO_CONTACT
+        self.skip()
+        self.resume(q)
 
-    def null_acceleration(self, q: Array, dq: Array) -> Array:
-        """Return ddq_0 (n,) = -k_null dq - k_posture (q - posture), which the tip does not feel."""
-        p = self._parameters
-        ddq_0 = -p.k_null * dq
-        if self._posture is not None:
-            ddq_0 += p.k_posture * self.robot.limits.difference(self._posture, q)
-        return ddq_0
+    def resume(self, q: Array) -> None:
+        """Begin at the measured q (n,), with the efforts and the contact as they are."""
+        self.ddq = self.drift = self._zero
+        self._is_obeyed = self._saturated = False  # by the efforts before, if they were not cut
+        self._hold: JointHold | None = None
+        self._leave_the_law(q.copy())
 
-    def command(
-        self,
-        dt: float,
-        state: DynamicState,
-        ddq: Array,
-        h: Array | None,
-        limits: JointLimits | None,
-    ) -> bool:
+    def _leave_the_law(self, q: Array) -> None:
+        self._q = q
+        self._forget_x()
+        self._blend.reset()
+
+    def hold(self, dt: float, q: Array, dq: Array, w: Array | None = None) -> JointCommand:
+        """Return efforts that stop the joints, and hold them there: see :class:`JointHold`.
+
+        It needs no orientation.  Friction, which helps to stop, is not compensated.  The contact
+        w (6,) is measured, base frame, about the tip; None: it is estimated.
+        """
+        state, rate, length = self.robot.dynamic_state(q, dq), self._rate, self.robot.length
+        self._leave_the_law(state.arm.q)
+        added, limits = self._added(state), self.limits or self.robot.limits
+        last = self._acting(state.C_dq + state.g - added)
+        e_now, e = self._observe(dt, state), self.external
+        if self._hold is None:
+            drove_in = self._contact.drove_in
+            self._hold = JointHold(limits, rate, length, state, e, w, drove_in)
+        self._hold.limits, self._hold.rate = limits, rate
+        tau, _ = self._ramped(dt, self._hold.effort(dt, state, e_now, e, w) - added, last)
+        if not math.isfinite(tau @ tau):  # the measured state gives no finite efforts
+            tau, self._hold, self.external = last, None, self._zero
+        self._keep(tau, self._zero, state.arm.dq, is_obeyed=False)
+        self.drift = self._zero
+        return JointCommand(effort=tau)
+
+    def last_command(self, q: Array, dq: Array) -> JointCommand:
+        """Return the gravitational efforts at q (n,): nothing in them gets stale."""
+        state = self.robot.dynamic_state(q, self._zero)  # C dq = 0
+        return JointCommand(effort=self.robot.limits.limit_effort(state.g - self._added(state))[0])
+
+    def tick(self, dt: float, q: Array, dq: Array, desired: DesiredFrame) -> Tick:
+        """Return the efforts for this instant; raises SingularityError, FollowingError."""
+        state = self.robot.dynamic_state(q, dq)
+        tick = self.follow(dt, state, desired)
+        self.note_contact(dt, state.arm, desired, None, self.is_pressing)
+        return tick
+
+    def follow(
+        self, dt: float, state: DynamicState, desired: DesiredFrame, h: Array | None = None
+    ) -> Tick:
+        """Return the efforts for a state of the arm, also against a contact h (6,), eq. (48)."""
+        arm = state.arm
+        self._q, self._hold = arm.q, None
+        ddq, x_de, effects = self._accelerate(dt, state, desired)
+        if self.limits is not None:
+            refuse_error(desired, arm, self.parameters)
+        if not math.isfinite(ddq @ ddq):
+            raise SingularityError("the law asks for an infinite joint acceleration")
+        ddq = self._blend(dt, ddq)
+        excess = self._excess(arm.dq, ddq, effects)
+        self._saturated = self._drive(dt, state, ddq, h)
+        self._x_de = x_de
+        command = JointCommand(effort=self.tau)
+        return Tick(command, desired, arm, x_de, self._saturated, excess, None, effects)
+
+    def _drive(self, dt: float, state: DynamicState, ddq: Array, h: Array | None) -> bool:
         """Set ``tau`` for ddq (n,) and h (6,); return whether one of the limits changed it.
 
         One factor cuts all efforts: from C dq + g on for their limits, from the efforts that act
         on for their rates.
         """
-        arm, slowed, cut, is_ramped = state.arm, False, False, False
-        self.observe(dt, state)
+        arm, limits, slowed, cut, is_ramped = state.arm, self._effort_limits(), False, False, False
+        self._observe(dt, state)
         if limits is not None:
             ddq, slowed = limits.limit_acceleration(arm.q, arm.dq, ddq, dt, self.drift)
         tau = joint_efforts(state, ddq, h)
@@ -136,31 +221,56 @@ class InverseDynamics:
             tau = tau + self._friction.effort(arm.dq)  # d of (33)
         if not math.isfinite(tau @ tau):
             raise SingularityError("the joints are measured at a state of infinite efforts")
-        added = self.added(state)
+        added = self._added(state)
         if limits is None:
             tau = tau - added
         else:
             tau, cut = cut_from(state.C_dq + state.g, tau, limits.effort)
-            weight = state.g if self._parameters.compensate_gravity else self._zero
-            tau, is_ramped = self.ramped(dt, tau - added, self.acting(weight))
-        self.keep(tau, ddq, arm.dq, is_obeyed=not (cut or is_ramped))
+            weight = state.g if self.parameters.compensate_gravity else self._zero
+            tau, is_ramped = self._ramped(dt, tau - added, self._acting(weight))
+        self._keep(tau, ddq, arm.dq, is_obeyed=not (cut or is_ramped))
         return slowed or cut or is_ramped
 
-    def keep(self, tau: Array, ddq: Array, dq: Array, *, is_obeyed: bool) -> None:
-        """Keep what acts until the next tick, and the speeds dq (n,)."""
-        self.tau, self.ddq, self.dq, self._is_obeyed = tau, ddq, dq, is_obeyed
+    def _keep(self, tau: Array, ddq: Array, dq: Array, *, is_obeyed: bool) -> None:
+        self.tau, self.ddq, self._dq, self._is_obeyed = tau, ddq, dq, is_obeyed
         self._start = None
 
-    def observe(self, dt: float, state: DynamicState) -> Array:
+    def _added(self, state: DynamicState) -> Array:
+        """Return the efforts (n,) that the robot adds itself: the terms not compensated here."""
+        p, added = self.parameters, self._zero
+        if not p.compensate_gravity:
+            added = added + state.g
+        return added if p.compensate_coriolis else added + state.C_dq
+
+    def _acting(self, unknown: Array) -> Array:
+        """Return the efforts (n,) that act until the next ones; ``unknown`` if nobody knows."""
+        acting = self._start if self.tau is None else self.tau
+        return unknown if acting is None else acting
+
+    def _ramped(self, dt: float, tau: Array, last: Array) -> tuple[Array, bool]:
+        """Return tau (n,) as far as the rates allow from ``last`` in dt [s]; and if they cut it."""
+        lasts = max(dt, SHORTEST) if self.tau is None else dt
+        change, is_cut = cut_from(self._zero, tau - last, self._rate * lasts)
+        return last + change, is_cut
+
+    def null_acceleration(self, q: Array, dq: Array) -> Array:
+        """Return ddq_0 (n,) = -k_null dq - k_posture (q - posture), which the tip does not feel."""
+        p = self.parameters
+        ddq_0 = -p.k_null * dq
+        if self._posture is not None:
+            ddq_0 += p.k_posture * self.robot.limits.difference(self._posture, q)
+        return ddq_0
+
+    def _observe(self, dt: float, state: DynamicState) -> Array:
         """Update ``external`` and ``drift`` from the last dt [s]; return e (n,) of that time.
 
         e = B ddq + C dq + d + g - tau, eq. (32), with ddq from the measured speeds; ``external``,
         unchanged, where these are not known.
         """
-        if not dt > 0.0 or self.dq is None or self.tau is None:
+        if not dt > 0.0 or self._dq is None or self.tau is None:
             return self.external
-        ddq = (state.arm.dq - self.dq) / dt
-        e: Array = joint_efforts(state, ddq) - self.added(state) - self.tau  # (32)
+        ddq = (state.arm.dq - self._dq) / dt
+        e: Array = joint_efforts(state, ddq) - self._added(state) - self.tau  # (32)
         if self._friction is not None:
             e += self._friction.effort(state.arm.dq)
         if math.isfinite(e @ e):
@@ -171,11 +281,21 @@ class InverseDynamics:
             self.drift = self.drift + part * (ddq - self.ddq - self.drift)
         return e
 
-    def ramped(self, dt: float, tau: Array, last: Array) -> tuple[Array, bool]:
-        """Return tau (n,) as far as the rates allow from ``last`` in dt [s]; and if they cut it."""
-        lasts = max(dt, SHORTEST) if self.tau is None else dt
-        change, is_cut = cut_from(self._zero, tau - last, self.rate * lasts)
-        return last + change, is_cut
+    def note_contact(
+        self, dt: float, arm: RobotState, desired: DesiredFrame, force: Array | None, presses: bool
+    ) -> None:
+        """Sum up the work on a contact: of the motion, and of the environment on the arm.
+
+        The force (3,) [N] on the tip is measured; None: it is estimated.  ``presses`` is whether
+        the arm is commanded to exert one.
+        """
+        e, is_measured = self.external, force is not None
+        if force is None:
+            if not e @ e >= _NO_EFFORT:
+                self._contact = NO_CONTACT
+                return
+            force = contact_force(arm.J, e, self.robot.length)
+        self._contact = self._contact.after(dt, force, is_measured, desired.dp_d, arm.dp_e, presses)
 
 
 @jit(types.Tuple((new_vector, b1))(vector, vector, vector))
