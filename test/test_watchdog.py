@@ -9,7 +9,7 @@ from ros_processes import FRAMES, HOME, MODEL, UR5, Array, TorqueArm, values
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from eulerparams_control.control.judge import AT_REST
+from eulerparams_control.control.admission import AT_REST
 from eulerparams_control.control.senders import LOOK
 from eulerparams_control.control.watch import Watch, WatchMode
 from eulerparams_control.errors import InvalidMessageError

@@ -1,7 +1,7 @@
 """The machine around a law: time, modes, references, and what watches over its commands.
 
 ``clock``           the steady clock by which messages age
-``admission``       which states are believed; ``judge`` which arms run away under efforts
+``admission``       which states are believed, and which arms run away under efforts
 ``controller``      from measured state to command
 ``orders``          what is asked of the arm, and ``references`` which motions are refused
 ``supervisor``      the mode

@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from eulerparams_control.control.admission import Accept
+from eulerparams_control.control.admission import AT_REST, SAME, Accept
 from eulerparams_control.control.clock import Instant
 from eulerparams_control.control.command_limiter import CommandLimiter
-from eulerparams_control.control.judge import AT_REST, SAME
 from eulerparams_control.control.mode import ModeEvent, stuck
 from eulerparams_control.control.supervisor import Supervisor
 from eulerparams_control.laws.rotations import Array

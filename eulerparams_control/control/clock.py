@@ -2,13 +2,18 @@
 
 Where time is real a state ages by when it came, on the steady clock.  Where time is simulated,
 in lock-step say, only its stamp counts.  :class:`Clock` alone knows which.  How often states come
-is measured by :class:`NominalPeriod`, how late one is by :class:`Latency`.
+is measured by :class:`NominalPeriod` and judged by :class:`RateCheck`; how late one is
+:class:`Latency` says.
 """
 
 import math
 import time
 from collections.abc import Callable
+from enum import Enum, auto
 from typing import NamedTuple
+
+from eulerparams_control.control.mode import Why, too_rare, too_slow
+from eulerparams_control.laws.scheme import Scheme
 
 # Number of steps after which a period is known, and after which its lower bound is; the factor of
 # jitter of that bound; and the part of the difference by which a period follows further steps.
@@ -28,6 +33,12 @@ _PATIENCE, _PAUSE = 1.0, 0.2
 # Efforts tolerate no delay: for them the lateness has to last for the first time [s], and to be
 # constant within the second [s].  That of a clock is; that of an overloaded network is not.
 _LONG_PATIENCE, _STEADY = 10.0, 0.02
+
+# Largest angles [rad] by which the loop of a gain may turn within a period: beyond the first it is
+# not stable, with some room for the error of the measured period; beyond the second it is another
+# loop.  Then the part of the timeout of silence that a period may last, and the part of its bound
+# at which a verdict ends.
+_MOST_TURN, _FINE_TURN, _OF_TIMEOUT, _CLEAR = 1.05, 0.5, 0.9, 0.85
 
 
 class SteadyClock:
@@ -131,6 +142,71 @@ class NominalPeriod:
             self.missed += round(step / usual) - 1
         step = min(max(step, usual / 2.0), 2.0 * usual)
         self.seconds = self.least = usual + _SMOOTHING * (step - usual)
+
+
+class Rate(Enum):
+    """Whether states come often enough."""
+
+    FINE = auto()
+    LOW = auto()  # the law is not what it would be in continuous time
+    TOO_LOW = auto()  # the law is not stable
+    TOO_RARE = auto()  # each state comes after a silence
+
+
+class RateCheck:
+    """Whether the states come often enough for the gains, and for the timeout of silence.
+
+    A loop of the rate k is stable with steps dt of k dt < 1; below 0.5 it does what it would in
+    continuous time.  A verdict is left only when it is clear of its bound, so that jitter does not
+    toggle it.
+
+    Args:
+        period: of the states.
+        timeout: [s] of silence.
+
+    Attributes:
+        rate: the verdict.
+        why: the arm is to be held, or a warning; Why() where the rate is fine.
+    """
+
+    def __init__(self, period: NominalPeriod, timeout: float) -> None:
+        self._period, self._timeout = period, timeout
+        self.rate, self.why = Rate.FINE, Why()
+        self._is_known = False  # the period, when this was said
+
+    @property
+    def is_too_low(self) -> bool:
+        """Whether nothing may move."""
+        return self.rate in (Rate.TOO_LOW, Rate.TOO_RARE)
+
+    def judge(self, scheme: Scheme) -> None:
+        """Judge the rate for the fastest gain of a law, and for that of what holds the arm.
+
+        A rate that is too low even for the latter is reported before the period is known.
+        """
+        period, rate = self._period.seconds, Rate.FINE
+        is_known = period > 0
+        if not is_known and scheme.hold_rate * self._period.least > 1:
+            period = self._period.least
+        turn = scheme.loop_rate * period
+        if period > self._bound(Rate.TOO_RARE, _OF_TIMEOUT * self._timeout):
+            rate = Rate.TOO_RARE
+        elif turn > self._bound(Rate.TOO_LOW, _MOST_TURN):
+            rate = Rate.TOO_LOW
+        elif turn > self._bound(Rate.LOW, _FINE_TURN):
+            rate = Rate.LOW
+        if (rate, is_known) == (self.rate, self._is_known):
+            return
+        self.rate, self._is_known, self.why = rate, is_known, Why()
+        gain = scheme.fastest_gain
+        if rate is Rate.TOO_RARE:
+            self.why = too_rare(period, self._timeout)
+        elif rate is not Rate.FINE and gain is not None:
+            self.why = too_slow(period, gain, _FINE_TURN, is_held=rate is Rate.TOO_LOW)
+
+    def _bound(self, rate: Rate, bound: float) -> float:
+        """Return the bound of a verdict, which is lower while it lasts."""
+        return _CLEAR * bound if rate is self.rate else bound
 
 
 class Latency:

@@ -6,11 +6,10 @@ mode, ask the mode for a command, limit it.
 """
 
 from eulerparams_control.control.acting import Acting
-from eulerparams_control.control.admission import Admission
+from eulerparams_control.control.admission import AGAIN, Admission
 from eulerparams_control.control.clock import Instant
 from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.control.guidance import Guidance
-from eulerparams_control.control.judge import AGAIN
 from eulerparams_control.control.mode import Mode, ModeEvent, Why, why_of
 from eulerparams_control.control.modes import Release
 from eulerparams_control.control.options import ControllerOptions

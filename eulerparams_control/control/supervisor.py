@@ -4,9 +4,17 @@ import math
 from contextlib import suppress
 from functools import partial
 
-from eulerparams_control.control import judge
-from eulerparams_control.control.admission import Accept, Admission, Rate, RateCheck
-from eulerparams_control.control.clock import Instant
+from eulerparams_control.control.admission import (
+    FROZEN,
+    RUNAWAY,
+    RUNS,
+    SWINGING,
+    SWINGS,
+    Accept,
+    Admission,
+    runaway,
+)
+from eulerparams_control.control.clock import Instant, RateCheck
 from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.control.guidance import Guidance, LawError
 from eulerparams_control.control.mode import (
@@ -33,7 +41,7 @@ from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand
 
 # Time [s] in which efforts should have stopped an arm; codes of one that may run away.
-_HALTED, _FAST = 0.5, judge.SWINGS | judge.RUNS
+_HALTED, _FAST = 0.5, SWINGS | RUNS
 
 
 class Supervisor:
@@ -127,13 +135,10 @@ class Supervisor:
             self.change(ModeEvent.TRUST)
             self.begin(state.q)
         if self._is_strict:
-            rate, period = self.rate, self._admission.period.seconds
-            longest, turn = rate.fine
-            if not (period <= longest and self._scheme.loop_rate * period <= turn):
-                rate.judge(self._scheme)
-                if rate.rate is not Rate.FINE and self._is_rate_too_low():
-                    return
-        if state.code & judge.FROZEN:
+            self.rate.judge(self._scheme)
+            if self._is_rate_too_low():
+                return
+        if state.code & FROZEN:
             self.change(ModeEvent.FROZEN, FROZEN_ENCODER)  # there is nothing to control by
             return
         left = self.left
@@ -176,9 +181,9 @@ class Supervisor:
     def _see_runaway(self, state: Accept, dq: Array, limits: Array) -> None:
         """Release an arm that runs away under efforts, measured at dq, of the limits (n,)."""
         swings = self._halted > _HALTED
-        if state.code & (judge.SWINGS if swings else judge.RUNS):
-            most = judge.SWINGING if swings else judge.RUNAWAY
-            excess = list(map(judge.runaway, dq, [most] * len(dq), limits))
+        if state.code & (SWINGS if swings else RUNS):
+            most = SWINGING if swings else RUNAWAY
+            excess = list(map(runaway, dq, [most] * len(dq), limits))
             joint = excess.index(max(excess))
             why = runs_away(self._scheme.robot.joints[joint], dq[joint])
             self.change(ModeEvent.RUNS_AWAY, why)

@@ -5,7 +5,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from eulerparams_control.control.judge import AT_REST
+from eulerparams_control.control.admission import AT_REST
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.limits import factor_within
 from eulerparams_control.laws.rotations import Array
