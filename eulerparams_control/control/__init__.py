@@ -5,6 +5,6 @@
 ``controller``      from measured state to command
 ``orders``          what is asked of the arm, and ``references`` which motions are refused
 ``supervisor``      the mode
-``command_limiter`` the last look at a command before it leaves; ``acting`` the one that acts
-``speed_scaling``   the slow-down towards kinematic singularities and joint limits
+``limiter``         the last look at a command before it leaves; ``acting`` the one that acts
+``pace``            the slow-down towards kinematic singularities and joint limits
 """

@@ -4,7 +4,7 @@ import numpy as np
 
 from eulerparams_control.control.admission import AT_REST, SAME, Accept
 from eulerparams_control.control.clock import Instant
-from eulerparams_control.control.command_limiter import CommandLimiter
+from eulerparams_control.control.limiter import Limiter
 from eulerparams_control.control.mode import ModeEvent, stuck
 from eulerparams_control.control.supervisor import Supervisor
 from eulerparams_control.laws.rotations import Array
@@ -68,4 +68,4 @@ class Acting:
         if self.command is None or self._supervisor.mode.is_runaway:
             return None
         command = self._scheme.last_command(self.q, self.dq)
-        return CommandLimiter(self._supervisor.limiter.limits)(command, self.q, 0.0)
+        return Limiter(self._supervisor.limiter.limits)(command, self.q, 0.0)

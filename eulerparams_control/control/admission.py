@@ -112,7 +112,6 @@ class Admission:
     Attributes:
         clock: of the states that were taken.
         period: the usual time between them.
-        conflicts: when [s] the last states came that contradict the ones before.
         set_backs: how often the clock of their stamps was set back.
     """
 
@@ -120,7 +119,8 @@ class Admission:
         self, robot: Robot, timeout: float, max_latency: float, strict: bool, q: Array
     ) -> None:
         self.clock, self.period = Clock(), NominalPeriod()
-        self.conflicts: deque[float] = deque(maxlen=_CONFLICTS)
+        # when [s] the last states came that contradict the ones before
+        self._conflicts: deque[float] = deque(maxlen=_CONFLICTS)
         self.set_backs = 0
         self._robot, self._timeout = robot, timeout
         self._believed = ~0 if strict else ~(FAST | FAR | FROZEN)
@@ -136,8 +136,8 @@ class Admission:
     @property
     def is_contested(self) -> bool:
         """Whether states contradict each other again and again, as those of two robots do."""
-        conflicts = self.conflicts
-        return len(conflicts) == _CONFLICTS and self.clock.now() - conflicts[0] < _CONTEST
+        times = self._conflicts
+        return len(times) == _CONFLICTS and self.clock.now() - times[0] < _CONTEST
 
     def admit(
         self, at: Instant, q: Array, dq: Array, told: Array | None, velocity: Array | float,
@@ -181,7 +181,7 @@ class Admission:
             if is_set_back:  # its clock was here before
                 code |= SAME
             elif not code & SAME:
-                self.conflicts.append(at.seconds)
+                self._conflicts.append(at.seconds)
             return Accept(q, code | AGAIN, acted=silence)
         usual, restart = self.period.seconds, None
         self.period.take(dt)
@@ -224,7 +224,7 @@ class Admission:
         is_heard = not is_silence and (dt < 0 or at.receipt is not None)
         # two robots jump to and fro, also where both are in the same place
         if not is_silence and (dt < 0 or not is_same_arm):
-            self.conflicts.append(at.seconds)
+            self._conflicts.append(at.seconds)
         why = restarted(dt, silence, not 0 <= dt <= self._timeout)
         jump, acts = round((dt - usual) * 1e9), is_heard and is_same_arm
         return Restart(why, is_silence, is_same_arm, acts, usual, jump)
@@ -232,7 +232,7 @@ class Admission:
     def _refuse_older(self, at: Instant, dt: float) -> None:
         self._back = self._back + 1 if at.stamp > self._back_at else 1
         self._back_at = at.stamp
-        self.conflicts.append(at.seconds)
+        self._conflicts.append(at.seconds)
         raise InvalidMessageError(
             f"the stamp goes back by {-dt:g} s: is there a second publisher of joint_states, "
             "or was its clock set?"
@@ -248,7 +248,7 @@ class Admission:
             )
         ways = np.abs(robot.limits.difference(q, self._last[_Q]))
         i = int((ways > _MOST_ASTRAY + dt * fastest).argmax())
-        self.conflicts.append(at.seconds)
+        self._conflicts.append(at.seconds)
         raise InvalidMessageError(
             f"the joint {robot.joints[i]} jumps by {ways[i]:.3g} rad within {dt:g} s"
         )

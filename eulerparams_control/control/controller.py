@@ -8,8 +8,8 @@ mode, ask the mode for a command, limit it.
 from eulerparams_control.control.acting import Acting
 from eulerparams_control.control.admission import AGAIN, Admission
 from eulerparams_control.control.clock import Instant
-from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.control.guidance import Guidance
+from eulerparams_control.control.limiter import Limiter
 from eulerparams_control.control.mode import Mode, ModeEvent, Why, why_of
 from eulerparams_control.control.modes import Release
 from eulerparams_control.control.options import ControllerOptions
@@ -44,7 +44,7 @@ class Controller:
         self, scheme: Scheme, options: ControllerOptions, q: Array, effort: Array | None = None
     ) -> None:
         self.scheme = scheme
-        self.limiter = CommandLimiter(*scheme.bounds)
+        self.limiter = Limiter(*scheme.bounds)
         self._wanted = self.limiter.limits  # of the joints; those in force come to them
         self.guidance = Guidance(scheme, self.limiter.limits, options)
         self.admission = Admission(
@@ -88,7 +88,7 @@ class Controller:
         if before is not None and limits is not None:
             limits = limits.fallen(before, self.guidance.most_fall(dt, before))
             self.scheme.bound(limits)
-        self.limiter.bound(limits)
+        self.limiter.limits = limits
 
     def step(self, t: int, q: Array, dq: Array, now: float | None = None) -> JointCommand | None:
         """Return the command for the state q, dq (n,) stamped t [ns]; None is no command.

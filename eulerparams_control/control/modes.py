@@ -8,8 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.control.guidance import Guidance
+from eulerparams_control.control.limiter import Limiter
 from eulerparams_control.control.mode import (
     CALL_RESUME,
     Cause,
@@ -39,7 +39,7 @@ class Release:
         is_reached: whether only gravity compensation acts.
     """
 
-    def __init__(self, limiter: CommandLimiter) -> None:
+    def __init__(self, limiter: Limiter) -> None:
         self._limiter = limiter
         self.is_reached = False
 

@@ -15,8 +15,8 @@ from eulerparams_control.control.admission import (
     runaway,
 )
 from eulerparams_control.control.clock import Instant, RateCheck
-from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.control.guidance import Guidance, LawError
+from eulerparams_control.control.limiter import Limiter
 from eulerparams_control.control.mode import (
     ARM_MOVED,
     FROZEN_ENCODER,
@@ -67,7 +67,7 @@ class Supervisor:
     def __init__(
         self,
         guidance: Guidance,
-        limiter: CommandLimiter,
+        limiter: Limiter,
         admission: Admission,
         options: ControllerOptions,
     ) -> None:
@@ -78,7 +78,7 @@ class Supervisor:
         self._is_strict = options.check_states  # a simulation without limits may diverge
         self.mode: ControlMode = (Waiting if options.require_reference else Holding)(Why())
         self._admission = admission
-        self.rate = RateCheck(admission.period, options.state_timeout)
+        self.rate = RateCheck(options.state_timeout)
         self.resets = self.stops = 0
         self.left: Instant | None = None
 
@@ -135,7 +135,7 @@ class Supervisor:
             self.change(ModeEvent.TRUST)
             self.begin(state.q)
         if self._is_strict:
-            self.rate.judge(self._scheme)
+            self.rate.judge(self._admission.period, self._scheme)
             if self._is_rate_too_low():
                 return
         if state.code & FROZEN:
