@@ -10,6 +10,7 @@ import math
 import time
 from collections.abc import Callable
 from enum import Enum, auto
+from statistics import median
 from typing import NamedTuple
 
 from eulerparams_control.control.mode import Why, too_rare, too_slow
@@ -118,11 +119,11 @@ class NominalPeriod:
         if not 0.0 < step < _LONGEST_PERIOD:
             return
         if len(self._steps) < _FIRST:
-            self._steps = sorted([*self._steps, step])
+            self._steps.append(step)
             if len(self._steps) == _FIRST:
-                self.seconds = self.least = self._steps[_FIRST // 2]
+                self.seconds = self.least = median(self._steps)
             elif len(self._steps) >= _FEW:
-                self.least = self._steps[0] / _JITTER
+                self.least = min(self._steps) / _JITTER
             return
         usual = self.seconds
         if 1.5 * usual <= step < _LONGEST_LOSS:

@@ -37,7 +37,6 @@ _LOWER, _UPPER, _VELOCITY, _, _ACCELERATION = range(5)  # rows of JointLimits.ro
 # Rows of the joints: whether one is not where it is to be, and how far its last step led it.
 _LAGS, _LED = range(2)
 
-_efforts = types.Tuple((new_vector, b1))
 _motion = types.Tuple((new_vector, new_vector, b1))
 
 
@@ -88,19 +87,21 @@ class Limiter:
             UnsafeCommandError: if a value is not finite; the command before still counts then.
         """
         _refuse_unsafe(command)
-        limits, (q_c, dq, effort, _) = self.limits, command
-        q_0, dq_0, effort_0 = (NONE if part is None else part for part in self._last[:3])
-        is_cut = is_bent = False
+        limits, last, changed = self.limits, self._last, False
+        q_c, dq, effort, frame = command
         if limits is not None and effort is not None:
-            rate = np.full(len(effort), self.effort_rate)
-            effort, is_cut = _bounded_effort(effort, effort_0, limits.effort, rate, elapsed)
+            reach = np.full(len(effort), self.effort_rate) * max(elapsed, _TINY)
+            effort = _bounded_effort(effort, last.effort, limits.effort, reach)
+            changed = bool((effort != command.effort).any())
         if limits is not None and q_c is not None and dq is not None:
+            q_0, dq_0 = (NONE if part is None else part for part in (last.q, last.dq))
             lasted = dt if dt > 0 else (elapsed if elapsed > 0 else SHORTEST)
             q_c, dq, is_bent = _bounded_motion(
                 q_c, dq, q_0, dq_0, q, limits.rows, self._lag, elapsed, lasted
             )
-        if is_cut or is_bent:
-            command = JointCommand(q_c, dq, effort, command.frame)
+            changed = changed or is_bent
+        if changed:
+            command = JointCommand(q_c, dq, effort, frame)
             _refuse_unsafe(command)
             self.bounded += 1
         self._last = command
@@ -119,28 +120,21 @@ def _refuse_unsafe(command: JointCommand) -> None:
         raise UnsafeCommandError("the command has q or dq alone; expected both, or neither")
 
 
-@jit(_efforts(vector, vector, vector, vector, f8))
-def _bounded_effort(
-    effort: Array, effort_0: Array, limit: Array, rate: Array, elapsed: float
-) -> tuple[Array, bool]:
-    """Return the efforts (n,) within their bounds, and whether they had to be changed.
+def _bounded_effort(effort: Array, before: Array | None, limit: Array, reach: Array) -> Array:
+    """Return the efforts (n,) within their bounds, ``reach`` (n,) at most from those before.
 
     Limits are kept joint by joint; then one factor shortens the change of all.
     """
-    safe, factor, reach, changed = np.empty(len(effort)), 1.0, rate * max(elapsed, _TINY), False
-    for i in range(len(effort)):
-        most = limit[i]
-        if len(effort_0):  # the limit may have been lowered since
-            most = max(most, abs(effort_0[i]) - reach[i])
-        safe[i] = clip(effort[i], -most, most)
-        step = abs(safe[i] - effort_0[i]) if len(effort_0) else 0.0
-        if step > reach[i] + _ROUNDING:
-            factor = min(factor, reach[i] / step)
-    for i in range(len(effort)):
-        if factor < 1.0:
-            safe[i] = effort_0[i] + factor * (safe[i] - effort_0[i])
-        changed = changed or safe[i] != effort[i]
-    return safe, changed
+    if before is None:
+        return np.minimum(np.maximum(effort, -limit), limit)
+    most = np.maximum(limit, np.abs(before) - reach)  # the limit may have been lowered since
+    safe: Array = np.minimum(np.maximum(effort, -most), most)
+    step = np.abs(safe - before)
+    is_too_far = step > reach + _ROUNDING
+    if is_too_far.any():
+        factor = (reach[is_too_far] / step[is_too_far]).min()
+        safe = before + factor * (safe - before)
+    return safe
 
 
 @jit(_motion(vector, vector, vector, vector, vector, matrix, new_matrix, f8, f8))
