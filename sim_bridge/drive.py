@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from eulerparams_control.control.senders import Senders
 from eulerparams_control.errors import InvalidMessageError, SimulationError
 from eulerparams_control.messages.from_ros import ns_from_ros
+from eulerparams_control.ros.senders import Senders
 from sim_bridge.acceleration import CommandAcceleration
 from sim_bridge.command_source import StampOrder
 from sim_bridge.commands import Command, CommandInput

@@ -12,9 +12,9 @@ from builtin_interfaces.msg import Time
 from sensor_msgs.msg import JointState
 from yardstick import Array, Product, Tick, arm_named, smooth, turn
 
-from eulerparams_control.control.senders import UNNUMBERED
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.messages.from_ros import JointStateReader
+from eulerparams_control.ros.senders import UNNUMBERED
 from sim_bridge.acceleration import BRIDGED, CommandAcceleration
 from sim_bridge.drive import Drive
 from sim_bridge.drive_modes import DrivePolicy

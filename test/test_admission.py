@@ -14,12 +14,11 @@ from samples import generator
 from test_controller import MS, T_0, moved
 from tolerances import RELATIVE, assert_close
 
-from eulerparams_control.control import judge
-from eulerparams_control.control.clock import Latency, NominalPeriod
+from eulerparams_control.control.admission import Admission
+from eulerparams_control.control.clock import Instant, Latency, NominalPeriod
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.control.mode import Cause, Mode
 from eulerparams_control.errors import InvalidMessageError, RobotError
-from eulerparams_control.laws.limits import NONE
 from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import way_points
@@ -150,12 +149,11 @@ def test_a_joint_without_wrapping_is_where_it_says_it_is_after_a_silence():
 
 
 def test_joints_with_limits_are_never_taken_a_turn_away():
-    q, (last, this) = np.array([6.2, 6.2]), np.zeros((2, judge.STATE_ROWS, 2))
-    joints = np.full((judge.JOINT_ROWS, 2), math.inf)
-    joints[judge.ENDLESS] = joints[judge.TURNING] = 1.0, 0.0
-    follows = True, True, False
-    assert judge.code_of(q, 0 * q, NONE, last, this, joints, 0.0, follows) & judge.WOUND
-    np.testing.assert_allclose(this[judge.Q], [6.2 - 2 * np.pi, 6.2])
+    admission = Admission(KINOVA, 0.1, 0.05, False, np.zeros(6))
+    q = admission.admit(Instant(T_0, 50.0), np.full(6, 6.2), np.zeros(6), None, math.inf, True).q
+    turning = np.isinf(KINOVA.limits.upper)
+    assert turning.tolist() == [True, False, False, True, False, True]
+    np.testing.assert_allclose(q, 6.2 - 2 * np.pi * turning)
 
 
 def test_a_state_of_another_size_is_refused_and_the_next_one_is_taken():

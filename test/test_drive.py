@@ -11,10 +11,10 @@ from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import JointState
 from tolerances import assert_close
 
-from eulerparams_control.control.senders import UNNUMBERED, Senders
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.events import ExitCode
 from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.ros.senders import UNNUMBERED, Senders
 from sim_bridge import drive as driving
 from sim_bridge.command_source import StampOrder
 from sim_bridge.commands import push_from_ros

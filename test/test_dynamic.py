@@ -16,8 +16,8 @@ from arms import HOME, STILL, UR5, Plant, displaced, pose_of, robot_named, robot
 from samples import about, generator
 from tolerances import ALGEBRAIC, ERROR_EQUATION, NO_JUMP, NULL_SPACE, RELATIVE, assert_close
 
-from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.control.controller import Controller, ControllerOptions
+from eulerparams_control.control.limiter import Limiter
 from eulerparams_control.errors import (
     ConfigurationError,
     FollowingError,
@@ -540,7 +540,7 @@ def test_a_restart_goes_on_by_the_turn_commanded_and_the_limiter_never_the_long_
     scheme.resume(q + 0.01)  # wrapped by its driver
     q_c = scheme.tick(DT, q, still, scheme.start_frame()).command.q
     assert_close(q_c, q + TURN + 0.01, ALGEBRAIC)
-    limiter = CommandLimiter(robot.limits)
+    limiter = Limiter(robot.limits)
     limiter(JointCommand(q + TURN, still), q, DT, DT)
     for _ in range(1000):
         command = limiter(JointCommand(q, still), q, DT, DT)

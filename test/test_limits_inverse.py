@@ -10,7 +10,7 @@ from arms import HOME, STILL, UR5
 from samples import generator
 from tolerances import ALGEBRAIC, LIMIT_ROUNDING, RELATIVE, assert_close
 
-from eulerparams_control.control.command_limiter import CommandLimiter
+from eulerparams_control.control.limiter import Limiter
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.inverse import DampedInverse, sigma_min
 from eulerparams_control.laws.limits import JointLimits, factor_within
@@ -361,7 +361,7 @@ def through(limiter, commands, dt=2e-3):
 @pytest.mark.parametrize("dt", [2e-3, 0.02])
 @pytest.mark.parametrize("lag", [0.0, 0.02, -0.1, 0.2])
 def test_a_stop_or_start_at_once_is_within_the_acceleration_wherever_the_law_begins(lag, dt):
-    limiter = CommandLimiter(TWO)
+    limiter = Limiter(TWO)
     ramp = [(np.zeros(2), np.zeros(2))]
     for k in range(1, round(0.1 / dt)):  # exact for steps: q goes on by the velocity before
         ramp.append((ramp[-1][0] + dt * ramp[-1][1], np.full(2, 10 * k * dt)))
@@ -377,14 +377,14 @@ def test_a_stop_or_start_at_once_is_within_the_acceleration_wherever_the_law_beg
     assert_close(dq[-1], 0, 1e-5)
     assert (np.abs(q - end) <= 0.5 * 0.98**2 / 10 + abs(lag) + 0.01).all()
     moves = [(np.full(2, -1.0 + 0.5 * k * dt), np.full(2, 0.5)) for k in range(round(3.0 / dt))]
-    _, dq = through(CommandLimiter(TWO), moves, dt)  # it begins at once
+    _, dq = through(Limiter(TWO), moves, dt)  # it begins at once
     assert (np.abs(np.diff(np.vstack([np.zeros(2), dq]), axis=0)) <= 10 * dt + 1e-9).all()
     np.testing.assert_allclose(dq[-1], 0.5, rtol=1e-6)
 
 
 def test_a_joint_without_a_speed_limit_makes_no_nan_where_no_time_has_passed():
     free = replace(TWO, velocity=np.array([1.0, math.inf]))
-    limiter = CommandLimiter(free)
+    limiter = Limiter(free)
     limiter(JointCommand(np.zeros(2), np.zeros(2)), np.zeros(2), 2e-3)
     command = limiter(JointCommand(np.ones(2), np.zeros(2)), np.ones(2), 0.0)
     np.testing.assert_array_equal(command.q, np.zeros(2))

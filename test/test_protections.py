@@ -29,9 +29,9 @@ from samples import rodrigues
 from sensor_msgs.msg import JointState
 from tolerances import LAW_IN_A_NODE, SIMULATED_POSE
 
-from eulerparams_control.control.judge import AT_REST
+from eulerparams_control.control.admission import AT_REST
 from eulerparams_control.control.mode import stuck
-from eulerparams_control.control.speed_scaling import LEAST
+from eulerparams_control.control.pace import LEAST
 from eulerparams_control.messages.from_ros import ns_from_ros, pose_from_ros
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame
 from eulerparams_control.ros.ending import LONGEST

@@ -22,9 +22,9 @@ from ros_processes import (
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from eulerparams_control.control.senders import LONG_LOOK, LOOK, QUIET, UNNUMBERED, Source
 from eulerparams_control.messages.to_ros import stamp_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.ros.senders import LONG_LOOK, LOOK, QUIET, UNNUMBERED, Source
 
 REAL = {**FRAMES, "use_sim_time": False}
 NAMED = "came from two publishers, of /peer, /stranger; expected one"

@@ -16,8 +16,8 @@ from ros_processes import (
 )
 from test_sources import REAL, Started, an_arm, go_on, says
 
-from eulerparams_control.control.senders import LOOK
 from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.ros.senders import LOOK
 
 REFUSED = "reference rejected: the stamp of joint_states stays"
 

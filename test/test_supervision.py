@@ -11,8 +11,8 @@ from samples import generator
 from test_controller import MS, T_0, moved, pose_of
 from tolerances import GUARD_ROUNDING, HELD, RELATIVE
 
-from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.control.controller import Controller, ControllerOptions
+from eulerparams_control.control.limiter import Limiter
 from eulerparams_control.control.mode import (
     DEACTIVATED,
     HALTED,
@@ -24,7 +24,7 @@ from eulerparams_control.control.mode import (
     ModeState,
     Why,
 )
-from eulerparams_control.control.speed_scaling import LEAST, LOOK, Nearness, SpeedScaling
+from eulerparams_control.control.pace import LEAST, LOOK, Nearness, Pace
 from eulerparams_control.errors import InvalidMessageError, SingularityError, UnsafeCommandError
 from eulerparams_control.laws.limits import POSITION_RATE, JointLimits
 from eulerparams_control.laws.scheme import JointCommand
@@ -54,12 +54,18 @@ def test_a_command_that_is_not_finite_is_refused_whether_limits_are_on_or_not(fi
     if field == "frame":
         value, text = DesiredFrame(value, np.eye(3)), "compliant frame"
     with pytest.raises(UnsafeCommandError, match=text):
-        CommandLimiter(limits)(JointCommand(**{field: value}), ZERO, DT)
+        Limiter(limits)(JointCommand(**{field: value}), ZERO, DT)
+
+
+@pytest.mark.parametrize("half", [JointCommand(q=ZERO), JointCommand(dq=ZERO)])
+def test_a_position_without_a_velocity_or_the_reverse_is_refused(half):
+    with pytest.raises(UnsafeCommandError, match="alone; expected both"):
+        Limiter(LIMITS)(half, ZERO, DT)
 
 
 def test_whatever_is_asked_for_no_command_is_beyond_a_limit_or_jumps():
     random = generator(601)
-    guard = CommandLimiter(LIMITS, RATE)
+    guard = Limiter(LIMITS, RATE)
     before = guard(JointCommand(ZERO, ZERO, ZERO), ZERO, DT)
     for _ in range(500):
         scale = 10 ** random.uniform(-3, 6)
@@ -78,16 +84,16 @@ def test_whatever_is_asked_for_no_command_is_beyond_a_limit_or_jumps():
 
 
 def test_an_arm_beyond_its_limit_may_stay_there_and_come_back_but_not_go_on():
-    guard = CommandLimiter(LIMITS)
+    guard = Limiter(LIMITS)
     outside = np.array([1.2, 0.0, 0.0])
     for asked, allowed in ((1.3, 1.2), (1.2, 1.2), (1.1, 1.1)):
         guard.forget()
-        command = guard(JointCommand(np.array([asked, 0.0, 0.0])), outside, DT)
+        command = guard(JointCommand(np.array([asked, 0.0, 0.0]), ZERO), outside, DT)
         assert command.q[0] == pytest.approx(allowed, rel=RELATIVE)
 
 
 def test_the_command_before_bounds_the_next_unless_it_was_refused_or_forgotten():
-    guard, far = CommandLimiter(LIMITS, RATE), JointCommand(np.full(3, 0.4), ZERO, np.full(3, 4.0))
+    guard, far = Limiter(LIMITS, RATE), JointCommand(np.full(3, 0.4), ZERO, np.full(3, 4.0))
     for _ in range(2):
         command = JointCommand(np.full(3, 0.1), np.full(3, 0.2), np.full(3, 0.3))
         assert guard(command, ZERO, DT) is command  # within all bounds
@@ -121,7 +127,7 @@ def passed(pace, sigmas):
 
 
 def test_a_singularity_is_approached_inside_and_left_and_clear_again():
-    pace = SpeedScaling(None, 0.05)
+    pace = Pace(None, 0.05)
     sigmas = [0.2, 0.06, 0.045, 0.03, 0.011, 0.001, 0.0, 0.01, 0.02, 0.04, 0.06]
     found = [singularity for singularity, _ in passed(pace, sigmas)]
     c, a, i, leaving = Nearness
@@ -130,14 +136,14 @@ def test_a_singularity_is_approached_inside_and_left_and_clear_again():
 
 def test_towards_a_singularity_the_pace_goes_as_its_distance_never_to_zero_and_out_twice_so():
     for sigma, expected in ((0.06, 1.0), (0.04, 0.8), (0.02, 0.4), (0.006, 0.12), (0.0, LEAST)):
-        pace = SpeedScaling(None, 0.05)
+        pace = Pace(None, 0.05)
         assert passed(pace, [sigma] * 100)[-1][1] == pytest.approx(expected, rel=RELATIVE)
-    out = SpeedScaling(None, 0.05)
+    out = Pace(None, 0.05)
     assert passed(out, [0.005] * 100)[-1][1] == pytest.approx(0.1, rel=RELATIVE)
     sigmas = np.linspace(0.013, 0.02, 200)
     assert passed(out, sigmas)[-1][1] == pytest.approx(2 * 0.02 / 0.05, rel=RELATIVE)
     # a threshold of 0 slows nothing down
-    assert passed(SpeedScaling(None, 0.0), [0.01, 0.0, 0.001])[-1] == (Nearness.CLEAR, 1.0)
+    assert passed(Pace(None, 0.0), [0.01, 0.0, 0.001])[-1] == (Nearness.CLEAR, 1.0)
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -146,7 +152,7 @@ def test_a_joint_slows_the_motion_down_as_it_comes_near_its_limit(side):
     q, dq = np.zeros(6), np.zeros(6)
     distance = 0.02
     q[2], dq[2] = side * (1 - distance), side * 1.0
-    pace = SpeedScaling(limits, 0.0)
+    pace = Pace(limits, 0.0)
     update(pace, 1.0, q, dq, jacobian(1.0))
     assert (pace.limit, pace.joint) == (Nearness.APPROACHING, 2)
     for _ in range(3):  # the joint goes as fast as the pace says

@@ -9,12 +9,12 @@ from ros_processes import FRAMES, HOME, MODEL, UR5, Array, TorqueArm, values
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from eulerparams_control.control.judge import AT_REST
-from eulerparams_control.control.senders import LOOK
+from eulerparams_control.control.admission import AT_REST
 from eulerparams_control.control.watch import Watch, WatchMode
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.parameters.watchdog import WatchdogParameters
 from eulerparams_control.robot.robot import Robot
+from eulerparams_control.ros.senders import LOOK
 
 DT = 0.002
 PUSH = 0.4 * np.array([8.0, -20.0, 6.0, 1.0, 1.0, 1.0])  # [Nm] that sets the arm in motion

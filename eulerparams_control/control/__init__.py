@@ -4,6 +4,6 @@
 ``supervisor``  its mode, and what states and orders make of it; ``mode`` the table
 ``admission``   which states are believed; ``clock`` time, and how states age
 ``guidance``    the law on its motion; ``references`` which motions are refused
-``speed_scaling``   the slow-down towards kinematic singularities and joint limits
-``command_limiter`` the last look at a command before it leaves
+``pace``        the slow-down towards kinematic singularities and joint limits
+``limiter``     the last look at a command before it leaves
 """

@@ -1,18 +1,20 @@
-"""Admission of measured states, and the time between them."""
+"""Admission of measured states: which are refused, and how much time each of the others brings.
 
+The numbers of a state are checked in one compiled call, :func:`check_numbers`.  The joints of an
+arm, and a state of it, are tables of n columns there, whose rows are named below.
+"""
+
+import math
 from collections import deque
-from enum import Enum, auto
 from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.control import judge
 from eulerparams_control.control.clock import Clock, Instant, Latency, NominalPeriod
-from eulerparams_control.control.mode import Why, restarted, too_rare, too_slow
+from eulerparams_control.control.mode import Why, restarted
 from eulerparams_control.errors import InvalidMessageError
-from eulerparams_control.laws.jit import Array
-from eulerparams_control.laws.limits import NONE
-from eulerparams_control.laws.scheme import Scheme
+from eulerparams_control.laws.jit import Array, b1, f8, i8, jit, matrix, new_matrix, types, vector
+from eulerparams_control.laws.limits import NONE, difference
 from eulerparams_control.robot.robot import Robot
 
 # A speed that is this many times its limit is measured wrongly.
@@ -24,33 +26,51 @@ _CONFLICTS, _CONTEST = 3, 1.0
 # Number of stamps in a row that are behind, but rise: those of a clock that was set back.
 _SET_BACK = 3
 
-# Largest angles [rad] by which the loop of a gain may turn within a period: beyond the first it is
-# not stable, with some room for the error of the measured period; beyond the second it is another
-# loop.  Then the part of the timeout of silence that a period may last, and the part of its bound
-# at which a verdict ends.
-_MOST_TURN, _FINE_TURN, _OF_TIMEOUT, _CLEAR = 1.05, 0.5, 0.9, 0.85
+# The longest step that a law integrates over [usual periods].
+_LONGEST_STEP = 3.0
 
-_NOT_FINE = -1.0, -1.0
+# Largest distance [rad or m] of a measured position from where the last one could have led.
+_MOST_ASTRAY = 0.1
+
+# Measured positions are stuck if they stay the same to the bit while the measured speeds would have
+# led this distance [rad or m] away.
+_FROZEN = 0.01
+
+# After a jump of the stamps an arm farther [rad or m] from where it was is another one, or a
+# simulation that was started again: no command acts on it yet.
+_SAME_ARM = 0.03
+
+AT_REST = 0.01
+"""Slower than this [rad/s or m/s] a joint is at rest."""
+
+# Speeds under efforts, as multiples of their limit, beyond which an arm runs away: one that moves,
+# and one that was to stop.  What is measured is late, or the model is wrong, and only the brakes of
+# the robot can stop it.  A joint that is slower than this [rad/s or m/s] does not run away.
+RUNAWAY, SWINGING, _SLOW = 1.5, 0.5, 0.1
+
+SAME, AGAIN, FAST, FAR, MOVED, FROZEN, RUNS, SWINGS = (1 << bit for bit in range(8))
+"""Codes of a state: it is the last one, or has its stamp; a joint is too fast, or too far from the
+last state; the arm is another one; positions stay although it moves; it runs away, or would while
+it is held."""
+
+# Rows of a state: positions and speeds, how far [rad or m] positions that stay should be, whole
+# turns that were added to what the driver says, and whether it was seen to jump by a turn.
+_Q, _DQ, _UNMOVED, _TURNS, _WRAPS = range(5)
+
+# Rows of the joints: speeds that none has, which ones have no limit, which of these turn; and the
+# limits of the speeds of one that may run away, or infinity.
+_FASTEST, _ENDLESS, _TURNING, _LIMIT = range(4)
 
 
 class Restart(NamedTuple):
-    """The stamps jumped, or no state came for long.
-
-    Attributes:
-        why: which of them, and by how much.
-        is_silence: whether no state came for long.
-        is_same_arm: whether the arm is where it was.
-        acts: whether the last command still acts.
-        step: [s] that the arm has gone on since, if it does: the usual period; 0: not known.
-        jump: [ns] of the stamps beyond that.
-    """
+    """The stamps jumped, or no state came for long."""
 
     why: Why
-    is_silence: bool
-    is_same_arm: bool
-    acts: bool
-    step: float
-    jump: int
+    is_silence: bool  # no state came for long
+    is_same_arm: bool  # the arm is where it was
+    acts: bool  # the last command still acts
+    step: float  # [s] that the arm has gone on since, if it does: the usual period; 0: not known
+    jump: int  # [ns] of the stamps beyond that
 
 
 class Accept(NamedTuple):
@@ -58,7 +78,7 @@ class Accept(NamedTuple):
 
     Attributes:
         q: (n,) positions, which go on where joints are continuous.
-        code: what the numbers say, see :mod:`eulerparams_control.control.judge`.
+        code: what the numbers say.
         dt: [s] since the last one; 0 at the first, and after a restart.
         acted: [s] for which the command before has acted; of a state that repeats the stamp of the
             last one, how long [s] it has stayed.
@@ -71,84 +91,12 @@ class Accept(NamedTuple):
 
     q: Array
     code: int
-    dt: float
-    acted: float
-    lost: float
-    leapt: float
-    is_first: bool
-    restart: Restart | None
-
-
-class Rate(Enum):
-    """Whether states come often enough."""
-
-    FINE = auto()
-    LOW = auto()  # the law is not what it would be in continuous time
-    TOO_LOW = auto()  # the law is not stable
-    TOO_RARE = auto()  # each state comes after a silence
-
-
-class RateCheck:
-    """Whether the states come often enough for the gains, and for the timeout of silence.
-
-    A loop of the rate k is stable with steps dt of k dt < 1; below 0.5 it does what it would in
-    continuous time.  A verdict is left only when it is clear of its bound, so that jitter does not
-    toggle it.
-
-    Args:
-        period: of the states.
-        timeout: [s] of silence.
-
-    Attributes:
-        rate: the verdict.
-        why: the arm is to be held, or a warning; Why() where the rate is fine.
-        fine: [s] of the longest period, and angle [rad] in it of a loop, with which a verdict
-            stays as it is; below 0 unless the rate is fine.
-    """
-
-    def __init__(self, period: NominalPeriod, timeout: float) -> None:
-        self._period, self._timeout = period, timeout
-        self.rate, self.why = Rate.FINE, Why()
-        self.fine = _NOT_FINE
-        self._is_known = False  # the period, when this was said
-
-    @property
-    def is_too_low(self) -> bool:
-        """Whether nothing may move."""
-        return self.rate in (Rate.TOO_LOW, Rate.TOO_RARE)
-
-    def judge(self, scheme: Scheme) -> None:
-        """Judge the rate for the fastest gain of a law, and for that of what holds the arm.
-
-        A rate that is too low even for the latter is reported before the period is known.
-        """
-        period, gain = self._period.seconds, scheme.fastest_gain
-        turn = 0.0 if gain is None else gain.rate * period
-        if period == 0 and scheme.hold_rate * self._period.least > 1:
-            period = self._period.least
-            turn = 0.0 if gain is None else gain.rate * period
-        rate = Rate.FINE
-        if period > self._bound(Rate.TOO_RARE, _OF_TIMEOUT * self._timeout):
-            rate = Rate.TOO_RARE
-        elif turn > self._bound(Rate.TOO_LOW, _MOST_TURN):
-            rate = Rate.TOO_LOW
-        elif turn > self._bound(Rate.LOW, _FINE_TURN):
-            rate = Rate.LOW
-        is_known = self._period.seconds > 0
-        if (rate, is_known) == (self.rate, self._is_known):
-            return
-        self.rate, self._is_known, self.why = rate, is_known, Why()
-        is_fine = is_known and rate is Rate.FINE
-        fine = _CLEAR * _OF_TIMEOUT * self._timeout, _CLEAR * _FINE_TURN
-        self.fine = fine if is_fine else _NOT_FINE
-        if rate is Rate.TOO_RARE:
-            self.why = too_rare(period, self._timeout)
-        elif rate is not Rate.FINE and gain is not None:
-            self.why = too_slow(period, gain, _FINE_TURN, is_held=rate is Rate.TOO_LOW)
-
-    def _bound(self, rate: Rate, bound: float) -> float:
-        """Return the bound of a verdict, which is lower while it lasts."""
-        return _CLEAR * bound if rate is self.rate else bound
+    dt: float = 0.0
+    acted: float = 0.0
+    lost: float = 0.0
+    leapt: float = 0.0
+    is_first: bool = False
+    restart: Restart | None = None
 
 
 class Admission:
@@ -164,7 +112,6 @@ class Admission:
     Attributes:
         clock: of the states that were taken.
         period: the usual time between them.
-        conflicts: when [s] the last states came that contradict the ones before.
         set_backs: how often the clock of their stamps was set back.
     """
 
@@ -172,32 +119,31 @@ class Admission:
         self, robot: Robot, timeout: float, max_latency: float, strict: bool, q: Array
     ) -> None:
         self.clock, self.period = Clock(), NominalPeriod()
-        self.conflicts: deque[float] = deque(maxlen=_CONFLICTS)
+        # when [s] the last states came that contradict the ones before
+        self._conflicts: deque[float] = deque(maxlen=_CONFLICTS)
         self.set_backs = 0
         self._robot, self._timeout = robot, timeout
-        self._believed = ~0 if strict else ~(judge.FAST | judge.FAR | judge.FROZEN)
+        self._believed = ~0 if strict else ~(FAST | FAR | FROZEN)
         endless = np.isinf(robot.limits.upper)
-        turning = np.logical_and(endless, np.logical_not(robot.is_prismatic))
-        # the last state, and the one that is judged, which takes its place where it is taken
-        self._last, self._this = np.zeros((2, judge.STATE_ROWS, robot.n))
-        self._last[judge.Q] = q
-        self._joints = np.zeros((judge.JOINT_ROWS, robot.n))
-        self._joints[judge.FASTEST] = _MOST_SPEED * robot.limits.velocity
-        self._joints[judge.ENDLESS], self._joints[judge.TURNING] = endless, turning
+        fastest = _MOST_SPEED * robot.limits.velocity
+        self._joints = np.array([fastest, endless, endless & ~robot.is_prismatic, 0.0 * fastest])
+        self._last = np.zeros((_WRAPS + 1, robot.n))
+        self._last[_Q] = q
+        self._this = self._last  # the state that was judged, which may be taken
         self._latency = Latency(max_latency)
         self._back, self._back_at = 0, 0  # stamps in a row that are behind, and the last [ns]
 
     @property
     def is_contested(self) -> bool:
         """Whether states contradict each other again and again, as those of two robots do."""
-        conflicts = self.conflicts
-        return len(conflicts) == _CONFLICTS and self.clock.now() - conflicts[0] < _CONTEST
+        times = self._conflicts
+        return len(times) == _CONFLICTS and self.clock.now() - times[0] < _CONTEST
 
     def admit(
         self, at: Instant, q: Array, dq: Array, told: Array | None, velocity: Array | float,
         patient: bool,
     ) -> Accept:  # fmt: skip
-        """Say what the state q, dq (n,) measured at an instant is.
+        """Return what the state q, dq (n,) measured at an instant is.
 
         Args:
             at: when it was.
@@ -211,68 +157,46 @@ class Admission:
             RobotError: if q or dq has not n elements.
         """
         timeout, last, receipt = self._timeout, self.clock.last, at.receipt
-        latency, period, n = self._latency, self.period, self._robot.n
-        if len(q) != n or len(dq) != n:
+        if len(q) != self._robot.n or len(dq) != self._robot.n:
             self._robot.refuse_size(q, dq)
-        dt = 0.0 if last is None else (at.stamp - last.stamp) / 1e9
         # how far the stamps went on, and how long no state came [s]; 0 if that is not known
+        dt = 0.0 if last is None else (at.stamp - last.stamp) / 1e9
         before = None if last is None else last.receipt
         silence = 0.0 if receipt is None or before is None else receipt - before
         if -timeout < dt < 0:
-            self._back = self._back + 1 if at.stamp > self._back_at else 1
-            self._back_at = at.stamp
-            self.conflicts.append(at.seconds)
-            raise InvalidMessageError(
-                f"the stamp goes back by {-dt:g} s: is there a second publisher of joint_states, "
-                "or was its clock set?"
-            )
-        is_set_back = self._back >= _SET_BACK
-        if is_set_back:  # nothing is late
-            latency.forget()
+            self._refuse_older(at, dt)
+        is_first, is_set_back = last is None, self._back >= _SET_BACK
         is_near = 0 <= dt <= timeout
         goes_on = is_near and silence <= timeout
         is_lost = silence > timeout or (receipt is None and dt > timeout)
-        near, is_first = NONE if goes_on or told is None else told, last is None
-        follows, self._joints[judge.LIMIT] = (is_near and not is_first, goes_on, is_lost), velocity
-        states = self._last, self._this
-        code = judge.code_of(q, dq, near, *states, self._joints, dt, follows) & self._believed
-        if code & (judge.FAST | judge.FAR):
+        near = NONE if goes_on or told is None else told
+        follows, self._joints[_LIMIT] = (is_near and not is_first, goes_on, is_lost), velocity
+        code, self._this = check_numbers(q, dq, near, self._last, self._joints, dt, follows)
+        code &= self._believed
+        if code & (FAST | FAR):
             self._refuse_impossible(at, dt, q, dq, code)
         if receipt is not None and (dt != 0 or is_first):
-            if dt < 0:
-                latency.forget()
-            delay = latency.of(at.stamp, receipt, patient=patient)
-            if delay > latency.most:
-                self._refuse_late(delay)
+            self._refuse_late(at.stamp, receipt, patient, is_new_clock=is_set_back or dt < 0)
         if last is not None and at.stamp == last.stamp:
             if is_set_back:  # its clock was here before
-                code |= judge.SAME
-            elif not code & judge.SAME:
-                self.conflicts.append(at.seconds)
-            return Accept(q, code | judge.AGAIN, 0.0, silence, 0.0, 0.0, False, None)
-        if code & judge.WOUND:
-            q = self._this[judge.Q].copy()
-        usual, restart = period.seconds, None
-        period.take(dt)
+                code |= SAME
+            elif not code & SAME:
+                self._conflicts.append(at.seconds)
+            return Accept(q, code | AGAIN, acted=silence)
+        usual, restart = self.period.seconds, None
+        self.period.take(dt)
         if not goes_on:
             restart, dt = self._restart(at, dt, silence, usual, code), 0.0
-        acted, lost, leapt = dt, 0.0, 0.0
+        acted, lost = dt, 0.0
         if receipt is not None:
             acted = dt if 0 < dt < silence else silence
-            # by how much more the stamps went on than time, lost and late states apart
-            early, usual_now = latency.early, period.seconds
-            if is_set_back:
-                leapt = dt - silence
-            elif 0 < usual_now < 2 * early:
-                leapt = min(early, dt - max(silence, usual_now))
-            if restart or not (is_set_back or usual_now < 2 * leapt):  # less is jitter
-                leapt = 0.0
-        longest = judge.LONGEST_STEP * usual
+        longest = _LONGEST_STEP * usual
         if usual and (dt > longest or acted > longest):
             lost, acted = max(dt - longest, 0.0), min(acted, longest)
             if lost > 0 and receipt is not None:  # the stamps may have gone on alone
                 lost = dt - min(longest, max(silence, usual))
-        return Accept(q, code, dt, acted, lost, leapt, is_first, restart)
+        leapt = 0.0 if receipt is None or restart else self._leap(dt, silence, is_set_back)
+        return Accept(self._this[_Q], code, dt, acted, lost, leapt, is_first, restart)
 
     def take(self, at: Instant | None) -> None:
         """Take the state for the last one; what it brings about has happened.
@@ -283,40 +207,129 @@ class Admission:
         last = self.clock.last
         if self._back >= _SET_BACK or (at and last and at.stamp < last.stamp):
             self.set_backs += 1
-        self.clock.last, self._back = at, 0
-        self._last, self._this = self._this, self._last
+        self.clock.last, self._back, self._last = at, 0, self._this
+
+    def _leap(self, dt: float, silence: float, is_set_back: bool) -> float:
+        """Return by how much more [s] the stamps went on than time, lost and late states apart."""
+        if is_set_back:
+            return dt - silence
+        early, usual = self._latency.early, self.period.seconds
+        leapt = min(early, dt - max(silence, usual))
+        return leapt if 0 < usual < 2 * early and usual < 2 * leapt else 0.0  # less is jitter
 
     def _restart(self, at: Instant, dt: float, silence: float, usual: float, code: int) -> Restart:
         """Return what happened before a state whose stamp is dt [s] after the last one."""
-        is_silence, is_same_arm = silence > self._timeout, not code & judge.MOVED
+        is_silence, is_same_arm = silence > self._timeout, not code & MOVED
         # by the stamps alone a silence and a clock that was set forward look the same
         is_heard = not is_silence and (dt < 0 or at.receipt is not None)
         # two robots jump to and fro, also where both are in the same place
         if not is_silence and (dt < 0 or not is_same_arm):
-            self.conflicts.append(at.seconds)
+            self._conflicts.append(at.seconds)
         why = restarted(dt, silence, not 0 <= dt <= self._timeout)
         jump, acts = round((dt - usual) * 1e9), is_heard and is_same_arm
         return Restart(why, is_silence, is_same_arm, acts, usual, jump)
 
+    def _refuse_older(self, at: Instant, dt: float) -> None:
+        self._back = self._back + 1 if at.stamp > self._back_at else 1
+        self._back_at = at.stamp
+        self._conflicts.append(at.seconds)
+        raise InvalidMessageError(
+            f"the stamp goes back by {-dt:g} s: is there a second publisher of joint_states, "
+            "or was its clock set?"
+        )
+
     def _refuse_impossible(self, at: Instant, dt: float, q: Array, dq: Array, code: int) -> None:
-        """Raise InvalidMessageError for a state that is too fast or too far away."""
-        i, robot = code >> judge.JOINT, self._robot
-        if code & judge.FAST:
+        robot, fastest = self._robot, self._joints[_FASTEST]
+        if code & FAST:
+            i = int((np.abs(dq) > fastest).argmax())
             raise InvalidMessageError(
                 f"the joint {robot.joints[i]} moves at {dq[i]:.3g} rad/s, more than "
                 f"{_MOST_SPEED:g} times its limit"
             )
-        way = abs(robot.limits.difference(q, self._last[judge.Q])[i])
-        self.conflicts.append(at.seconds)
+        ways = np.abs(robot.limits.difference(q, self._last[_Q]))
+        i = int((ways > _MOST_ASTRAY + dt * fastest).argmax())
+        self._conflicts.append(at.seconds)
         raise InvalidMessageError(
-            f"the joint {robot.joints[i]} jumps by {way:.3g} rad within {dt:g} s"
+            f"the joint {robot.joints[i]} jumps by {ways[i]:.3g} rad within {dt:g} s"
         )
 
-    def _refuse_late(self, delay: float) -> None:
-        """Raise InvalidMessageError for a state that comes too late to control by."""
+    def _refuse_late(self, t: int, receipt: float, patient: bool, *, is_new_clock: bool) -> None:
+        """Refuse a state stamped t [ns] that comes too late to control by."""
+        if is_new_clock:  # nothing is late
+            self._latency.forget()
+        delay = self._latency.of(t, receipt, patient=patient)
+        if delay <= self._latency.most:
+            return
         raise InvalidMessageError(
             f"the state comes {delay:.3f} s later than the best one, more than max_latency "
             f"{self._latency.most:g} s: is the network or the computer overloaded? If they stay so "
             "late, deactivate and activate; a simulation that is not in real time needs "
             "use_sim_time"
         )
+
+
+@jit(f8(f8, f8, f8))
+def runaway(dq: float, most: float, limit: float) -> float:
+    """Return by how much a joint is too fast under efforts, ``most`` times its limit; 0: not."""
+    return max(abs(dq) - max(most * limit, _SLOW), 0.0)
+
+
+_flags = types.UniTuple(b1, 3)
+
+
+@jit(types.Tuple((i8, new_matrix))(vector, vector, vector, matrix, matrix, f8, _flags))
+def check_numbers(
+    q: Array,
+    dq: Array,
+    near: Array,
+    before: Array,
+    joints: Array,
+    dt: float,
+    follows: tuple[bool, bool, bool],
+) -> tuple[int, Array]:
+    """Return the code of the state q, dq (n,), and its rows.
+
+    Args:
+        q, dq: (n,) as they came.
+        near: (n,) where joints that turn are nearest to; none: to the last state.
+        before: rows of the last state.
+        joints: rows of the joints.
+        dt: [s] after the last state, by the stamps.
+        follows: whether there is a last state, and ``dt`` is short enough to compare with it;
+            whether there was no silence, either; and whether the driver may have lost its count of
+            turns.  Then a joint that was never seen to jump by a turn is where it says it is: a
+            command a turn away would move it.
+    """
+    code, stays, now = SAME, True, np.zeros(before.shape)
+    is_next, goes_on, is_lost = follows
+    for i in range(len(q)):
+        is_endless = joints[_ENDLESS, i] != 0.0
+        way = abs(difference(q[i], before[_Q, i], is_endless))
+        if abs(dq[i]) > joints[_FASTEST, i]:
+            code |= FAST
+        if is_next and way > _MOST_ASTRAY + dt * joints[_FASTEST, i]:
+            code |= FAR
+        turns, wraps = 0.0, before[_WRAPS, i]
+        if joints[_TURNING, i]:
+            place = near[i] if len(near) else before[_Q, i]
+            turns = np.rint((place - q[i]) / (2 * math.pi))
+            if is_lost and not wraps:
+                turns = 0.0
+            elif not is_lost and turns != before[_TURNS, i]:
+                wraps = 1.0
+        now[_Q, i], now[_DQ, i] = q[i] + 2 * math.pi * turns, dq[i]
+        now[_TURNS, i], now[_WRAPS, i] = turns, wraps
+        stays = stays and now[_Q, i] == before[_Q, i]
+        if abs(difference(now[_Q, i], before[_Q, i], is_endless)) > _SAME_ARM:
+            code |= MOVED
+        if not (stays and dq[i] == before[_DQ, i]):
+            code &= ~SAME
+        if runaway(dq[i], SWINGING, joints[_LIMIT, i]):
+            code |= SWINGS | (RUNS if runaway(dq[i], RUNAWAY, joints[_LIMIT, i]) else 0)
+    for i in range(len(q)):
+        now[_UNMOVED, i] = before[_UNMOVED, i] if stays else 0.0
+        if stays and goes_on and abs(dq[i]) > AT_REST:
+            now[_UNMOVED, i] += dt * dq[i]
+        if abs(now[_UNMOVED, i]) > _FROZEN:
+            code |= FROZEN
+    return code, now

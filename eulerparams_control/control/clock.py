@@ -2,13 +2,19 @@
 
 Where time is real a state ages by when it came, on the steady clock.  Where time is simulated,
 in lock-step say, only its stamp counts.  :class:`Clock` alone knows which.  How often states come
-is measured by :class:`NominalPeriod`, how late one is by :class:`Latency`.
+is measured by :class:`NominalPeriod` and judged by :class:`RateCheck`; how late one is
+:class:`Latency` says.
 """
 
 import math
 import time
 from collections.abc import Callable
+from enum import Enum, auto
+from statistics import median
 from typing import NamedTuple
+
+from eulerparams_control.control.mode import Why, too_rare, too_slow
+from eulerparams_control.laws.scheme import Scheme
 
 # Number of steps after which a period is known, and after which its lower bound is; the factor of
 # jitter of that bound; and the part of the difference by which a period follows further steps.
@@ -29,16 +35,18 @@ _PATIENCE, _PAUSE = 1.0, 0.2
 # constant within the second [s].  That of a clock is; that of an overloaded network is not.
 _LONG_PATIENCE, _STEADY = 10.0, 0.02
 
+# Largest angles [rad] by which the loop of a gain may turn within a period: beyond the first it is
+# not stable, with some room for the error of the measured period; beyond the second it is another
+# loop.  Then the part of the timeout of silence that a period may last, and the part of its bound
+# at which a verdict ends.
+_MOST_TURN, _FINE_TURN, _OF_TIMEOUT, _CLEAR = 1.05, 0.5, 0.9, 0.85
+
 
 class SteadyClock:
-    """The clock that never jumps; a simulation in one process may make its time.
-
-    Attributes:
-        now: returns the time [s].
-    """
+    """The clock that never jumps; a simulation in one process may make its time."""
 
     def __init__(self) -> None:
-        self.now: Callable[[], float] = time.monotonic
+        self.now: Callable[[], float] = time.monotonic  # returns the time [s]
 
     def go_by(self, now: Callable[[], float] = time.monotonic) -> None:
         """Let ages go by another clock; without one, by that of the computer again."""
@@ -49,15 +57,10 @@ steady = SteadyClock()
 
 
 class Instant(NamedTuple):
-    """When a state was.
+    """When a state was."""
 
-    Attributes:
-        stamp: [ns].
-        receipt: when it came, steady clock [s]; None where time is simulated.
-    """
-
-    stamp: int
-    receipt: float | None
+    stamp: int  # [ns]
+    receipt: float | None  # when it came, steady clock [s]; None where time is simulated
 
     @property
     def seconds(self) -> float:
@@ -72,14 +75,10 @@ class Instant(NamedTuple):
 
 
 class Clock:
-    """The time of the states of an arm.
-
-    Attributes:
-        last: the instant of the state that was taken last; None before the first.
-    """
+    """The time of the states of an arm: by receipt, or by the stamps where time is simulated."""
 
     def __init__(self) -> None:
-        self.last: Instant | None = None
+        self.last: Instant | None = None  # of the state that was taken last
 
     @property
     def is_simulated(self) -> bool:
@@ -120,17 +119,75 @@ class NominalPeriod:
         if not 0.0 < step < _LONGEST_PERIOD:
             return
         if len(self._steps) < _FIRST:
-            self._steps = sorted([*self._steps, step])
+            self._steps.append(step)
             if len(self._steps) == _FIRST:
-                self.seconds = self.least = self._steps[_FIRST // 2]
+                self.seconds = self.least = median(self._steps)
             elif len(self._steps) >= _FEW:
-                self.least = self._steps[0] / _JITTER
+                self.least = min(self._steps) / _JITTER
             return
         usual = self.seconds
         if 1.5 * usual <= step < _LONGEST_LOSS:
             self.missed += round(step / usual) - 1
         step = min(max(step, usual / 2.0), 2.0 * usual)
         self.seconds = self.least = usual + _SMOOTHING * (step - usual)
+
+
+class Rate(Enum):
+    """Whether states come often enough."""
+
+    FINE = auto()
+    LOW = auto()  # the law is not what it would be in continuous time
+    TOO_LOW = auto()  # the law is not stable
+    TOO_RARE = auto()  # each state comes after a silence
+
+
+class RateCheck:
+    """Whether the states come often enough for the gains, and for the timeout of silence [s].
+
+    A loop of the rate k is stable with steps dt of k dt < 1; below 0.5 it does what it would in
+    continuous time.  A verdict is left only when it is clear of its bound, so that jitter does not
+    toggle it.
+
+    Attributes:
+        why: the arm is to be held, or a warning; Why() where the rate is fine.
+    """
+
+    def __init__(self, timeout: float) -> None:
+        self._timeout, self.why = timeout, Why()
+        self._verdict = Rate.FINE, False  # and whether the period was known
+
+    @property
+    def is_too_low(self) -> bool:
+        """Whether nothing may move."""
+        return self._verdict[0] in (Rate.TOO_LOW, Rate.TOO_RARE)
+
+    def judge(self, nominal: NominalPeriod, scheme: Scheme) -> None:
+        """Judge the period of the states for the fastest gain of a law, and for what holds the arm.
+
+        A rate that is too low even for the latter is reported before the period is known.
+        """
+        period, rate, timeout = nominal.seconds, Rate.FINE, self._timeout
+        is_known = period > 0
+        if not is_known and scheme.hold_rate * nominal.least > 1:
+            period = nominal.least
+        turn = scheme.loop_rate * period
+        if period > self._bound(Rate.TOO_RARE, _OF_TIMEOUT * timeout):
+            rate = Rate.TOO_RARE
+        elif turn > self._bound(Rate.TOO_LOW, _MOST_TURN):
+            rate = Rate.TOO_LOW
+        elif turn > self._bound(Rate.LOW, _FINE_TURN):
+            rate = Rate.LOW
+        if (rate, is_known) == self._verdict:
+            return
+        self._verdict, self.why, gain = (rate, is_known), Why(), scheme.fastest_gain
+        if rate is Rate.TOO_RARE:
+            self.why = too_rare(period, timeout)
+        elif rate is not Rate.FINE and gain is not None:
+            self.why = too_slow(period, gain, _FINE_TURN, is_held=rate is Rate.TOO_LOW)
+
+    def _bound(self, rate: Rate, bound: float) -> float:
+        """Return the bound of a verdict, which is lower while it lasts."""
+        return _CLEAR * bound if rate is self._verdict[0] else bound
 
 
 class Latency:
@@ -140,10 +197,8 @@ class Latency:
     drift, and a delay.  The least of it that was seen is taken for the constant, so a state is as
     late as it is behind the best one.
 
-    Args:
-        most: [s] by which a state may be later than the best one.
-
     Attributes:
+        most: [s] by which a state may be later than the best one.
         early: [s] by which the last state was earlier than the best one before: stamps that go on
             alone make it so, but not those of a state that follows on late ones.
     """
@@ -162,10 +217,7 @@ class Latency:
     def of(self, t: int, now: float, *, patient: bool) -> float:
         """Return how late [s] the state stamped t [ns] is that comes at ``now`` [s].
 
-        Args:
-            t: stamp [ns].
-            now: when it came, steady clock [s].
-            patient: whether states that stay late are accepted in the end.
+        ``patient``: whether states that stay late are accepted soon.
         """
         behind = now - t / 1e9
         if math.isnan(self._best):
@@ -173,14 +225,14 @@ class Latency:
         pause = now - self._at
         best = self._best + _DRIFT * pause
         self._best, self.early, self._at = min(behind, best), max(best - behind, 0.0), now
-        by = behind - self._best
-        if by <= self.most or pause > _PAUSE:
+        late = behind - self._best
+        if late <= self.most or pause > _PAUSE:
             self._since, self._low, self._high = now, math.inf, -math.inf
-            return by
+            return late
         self._low, self._high = min(self._low, behind), max(self._high, behind)
         if not patient and self._high - self._low > _STEADY:
             self._since, self._low, self._high = now, behind, behind
         elif now - self._since > (_PATIENCE if patient else _LONG_PATIENCE):
             self._best = self._low
             return behind - self._low
-        return by
+        return late

@@ -8,12 +8,11 @@ the law on its motion for a command, and limits it.
 import math
 from contextlib import suppress
 
-from eulerparams_control.control import judge
-from eulerparams_control.control.admission import Accept
+from eulerparams_control.control.admission import AGAIN, SAME, Accept
 from eulerparams_control.control.clock import Instant
-from eulerparams_control.control.command_limiter import CommandLimiter
 from eulerparams_control.control.guidance import ControllerOptions, LawError
-from eulerparams_control.control.mode import AGAIN, Cause, Latch, Mode, ModeEvent, Why, stuck
+from eulerparams_control.control.limiter import Limiter
+from eulerparams_control.control.mode import SEND_AGAIN, Cause, Latch, Mode, ModeEvent, Why, stuck
 from eulerparams_control.control.supervisor import Supervisor
 from eulerparams_control.errors import (
     ContactError,
@@ -41,7 +40,7 @@ _STREAM_ENDED = Why(Cause.STREAM_ENDED, remedy="see to the node that sends them"
 _NEVER_BEGINS = Why(
     Cause.NEVER_BEGINS,
     "set-points come, but none begins: their stamps are more than a second ahead of joint_states",
-    f"see to the clocks, or stamp them 0; then {AGAIN}",
+    f"see to the clocks, or stamp them 0; then {SEND_AGAIN}",
 )
 
 _CAUSES = (
@@ -108,7 +107,7 @@ class Controller(Supervisor):
         has_efforts = limiter.commands_efforts
         told = None if command is None else command.q
         state = self.admission.admit(at, q, dq, told, limiter.runaway_limits, not has_efforts)
-        if state.code & judge.AGAIN:
+        if state.code & AGAIN:
             return self._again(at, state)
         q = state.q
         if self.mode is Mode.WAITING:
@@ -134,7 +133,7 @@ class Controller(Supervisor):
         """Return the command for the state seen last, which is seen again, if it may go on."""
         stamp, command = f"its stamp stays at {at.stamp / 1e9:g} s", self.command
         is_position = command is not None and command.effort is None and command.dq is not None
-        if not state.code & judge.SAME:
+        if not state.code & SAME:
             self._change(ModeEvent.FAULT, stuck(f"joint_states moves, but {stamp}"))
         elif at.receipt is None or (is_position and self.is_at_rest):
             return command  # it does no harm for as long as one likes
@@ -151,7 +150,7 @@ class Controller(Supervisor):
         if before is not None and limits is not None:
             limits = limits.fallen(before, self.guidance.most_fall(dt, before))
             self.scheme.bound(limits)
-        self.limiter.bound(limits)
+        self.limiter.limits = limits
 
     def _ask(self, t: int, dt: float) -> JointCommand | None:
         """Return what the mode commands for the state stamped t [ns], dt [s] after the last.
@@ -245,7 +244,7 @@ class Controller(Supervisor):
         if self.command is None or self.state.is_runaway:
             return None
         command = self.scheme.last_command(self.q, self.dq)
-        return CommandLimiter(self.limiter.limits)(command, self.q, 0.0)
+        return Limiter(self.limiter.limits)(command, self.q, 0.0)
 
     # --- orders, from the next state on ----------------------------------------------------
 

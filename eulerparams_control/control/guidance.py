@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from eulerparams_control.control.mode import Mode, ModeState
-from eulerparams_control.control.speed_scaling import CREEP, LOOK, SpeedScaling
+from eulerparams_control.control.pace import CREEP, LOOK, Pace
 from eulerparams_control.errors import FollowingError, SingularityError
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array
@@ -104,7 +104,7 @@ class Guidance:
         self, scheme: Scheme, joints: JointLimits | None, options: ControllerOptions
     ) -> None:
         self.scheme = scheme
-        self.pace = SpeedScaling(joints, options.slow_below, scheme.robot.length, options.motion)
+        self.pace = Pace(joints, options.slow_below, scheme.robot.length, options.motion)
         self.scale = TimeScale(options.motion)
         self.tick_now: Tick | None = None
         self.of_law: Tick | None = None

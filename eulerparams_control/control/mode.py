@@ -235,7 +235,7 @@ class ModeState:
         return self._rested > _REST_TIME
 
 
-AGAIN = "send the reference again"
+SEND_AGAIN = "send the reference again"
 
 REPORT_IT = "report it; deactivate and activate to start again"
 """What to do about a defect."""
@@ -259,7 +259,7 @@ STIFFNESS_WAITS = Why(
 
 def stuck(fault: str) -> Why:
     """Return why an arm is held whose states have a stamp that stays."""
-    remedy = f"let the driver give each state the time at which it was measured; then {AGAIN}"
+    remedy = f"let the driver give each state the time at which it was measured; then {SEND_AGAIN}"
     return Why(Cause.STAMP_STUCK, fault, remedy)
 
 
@@ -277,7 +277,7 @@ def contested(names: str) -> Why:
     return Why(
         Cause.TWO_PUBLISHERS,
         f"joint_states of the arm came from two publishers, of {names}; expected one",
-        f"end all but the driver of the robot; then {AGAIN}",
+        f"end all but the driver of the robot; then {SEND_AGAIN}",
     )
 
 
@@ -298,7 +298,7 @@ def too_rare(period: float, timeout: float) -> Why:
         f"joint_states come every {period:.3g} s, but state_timeout is {timeout:g} s: each one "
         "comes after a silence",
         f"let the driver publish {2 / timeout:.3g} times a second or more, or set state_timeout "
-        f"to {2 * period:.2g} s; then {AGAIN}",
+        f"to {2 * period:.2g} s; then {SEND_AGAIN}",
     )
 
 
@@ -320,13 +320,13 @@ def too_slow(period: float, gain: LoopGain, most: float, *, is_held: bool) -> Wh
         f"{gain.name} to {gain.at(most / period):.3g} or less"
     )
     if is_held:
-        return Why(Cause.RATE_TOO_LOW, text, f"{remedy}; then {AGAIN}")
+        return Why(Cause.RATE_TOO_LOW, text, f"{remedy}; then {SEND_AGAIN}")
     return Why(remedy=remedy, note=text)
 
 
 def restarted(dt: float, silence: float, has_jumped: bool) -> Why:
     """Return why an arm is held after its stamps jumped by dt [s], or a silence [s]."""
     if has_jumped:
-        return Why(Cause.STAMP_JUMP, remedy=AGAIN, note=f"a jump of the stamps by {dt:.3g} s")
+        return Why(Cause.STAMP_JUMP, remedy=SEND_AGAIN, note=f"a jump of the stamps by {dt:.3g} s")
     note = f"a silence of joint_states of {silence:.3g} s"
-    return Why(Cause.SILENCE, remedy=AGAIN, note=note)
+    return Why(Cause.SILENCE, remedy=SEND_AGAIN, note=note)

@@ -6,17 +6,26 @@ from itertools import repeat
 
 import numpy as np
 
-from eulerparams_control.control import judge
-from eulerparams_control.control.admission import Accept, Admission, Rate, RateCheck
-from eulerparams_control.control.clock import Instant
-from eulerparams_control.control.command_limiter import CommandLimiter
+from eulerparams_control.control.admission import (
+    AT_REST,
+    FROZEN,
+    RUNAWAY,
+    RUNS,
+    SWINGING,
+    SWINGS,
+    Accept,
+    Admission,
+    runaway,
+)
+from eulerparams_control.control.clock import Instant, RateCheck
 from eulerparams_control.control.guidance import ControllerOptions, Guidance
+from eulerparams_control.control.limiter import Limiter
 from eulerparams_control.control.mode import (
-    AGAIN,
     CALL_RESUME,
     DEACTIVATED,
     HALTED,
     REPORT_IT,
+    SEND_AGAIN,
     Cause,
     Latch,
     Mode,
@@ -37,18 +46,20 @@ _ON_THE_PATH = frozenset(
     (Cause.HALT, Cause.DEACTIVATED, Cause.REFERENCE_LEAPS, Cause.NEVER_BEGINS, Cause.STAMP_JUMP)
 )
 
-_ARM_MOVED = Why(Cause.ARM_MOVED, "the arm moved before the reference began; send it again", AGAIN)
+_ARM_MOVED = Why(
+    Cause.ARM_MOVED, "the arm moved before the reference began; send it again", SEND_AGAIN
+)
 _FROZEN_ENCODER = Why(
     Cause.FROZEN_ENCODER,
     "joint_states reports speeds, but positions that stay the same to the bit",
-    f"see to the robot's driver or encoders, then {AGAIN}",
+    f"see to the robot's driver or encoders, then {SEND_AGAIN}",
 )
-_SILENT = Why(Cause.COMMAND_SILENCE, remedy=AGAIN, note="a silence of its commands")
+_SILENT = Why(Cause.COMMAND_SILENCE, remedy=SEND_AGAIN, note="a silence of its commands")
 
 
 def runs_away(joints: Sequence[str], dq: Array, most: float, limits: Array) -> Why:
     """Return why the efforts of an arm are released whose joints are too fast, dq (n,)."""
-    excess = [judge.runaway(*each) for each in zip(dq, repeat(most), limits)]
+    excess = [runaway(*each) for each in zip(dq, repeat(most), limits)]
     i = int(np.argmax(excess))
     return Why(
         Cause.RUNAWAY,
@@ -80,14 +91,14 @@ class Supervisor:
 
     def __init__(self, scheme: Scheme, options: ControllerOptions, q: Array) -> None:
         self.scheme, self._options = scheme, options
-        self.limiter = CommandLimiter(*scheme.bounds)
+        self.limiter = Limiter(*scheme.bounds)
         self.guidance = Guidance(scheme, self.limiter.limits, options)
         timeout = options.state_timeout
         self.admission = Admission(
             scheme.robot, timeout, options.max_latency, options.check_states, q
         )
         self.references = References(*options.max_jump, scheme.robot.reach)
-        self.rate = RateCheck(self.admission.period, timeout)
+        self.rate = RateCheck(timeout)
         self.state = ModeState(Mode.WAITING if options.require_reference else Mode.HOLDING)
         self.resets = self.stops = 0
         self.command: JointCommand | None = None
@@ -116,7 +127,7 @@ class Supervisor:
         """Whether the arm was measured to be at rest, and is not told to move."""
         command = self.command
         told = 0.0 if command is None or command.dq is None else command.dq
-        return bool((np.maximum(np.abs(self.dq), np.abs(told)) < judge.AT_REST).all())
+        return bool((np.maximum(np.abs(self.dq), np.abs(told)) < AT_REST).all())
 
     def _begin(self, q: Array, *, acts: bool = False) -> None:
         """Hold the measured q (n,), whether or not the command before still acts."""
@@ -174,7 +185,7 @@ class Supervisor:
             self._begin(state.q)
         if self._options.check_states and self._is_rate_too_low():
             return  # else a simulation without limits may diverge
-        if state.code & judge.FROZEN:
+        if state.code & FROZEN:
             self._change(ModeEvent.FROZEN, _FROZEN_ENCODER)  # there is nothing to control by
             return
         left, timeout = self._left, self._options.state_timeout
@@ -191,19 +202,16 @@ class Supervisor:
         if self.limiter.commands_efforts and limits is not None:
             self._halted += state.dt if mode.is_halted else 0.0
             swings = self._halted > _HALTED
-            if state.code & (judge.SWINGS if swings else judge.RUNS):
-                most = judge.SWINGING if swings else judge.RUNAWAY
+            if state.code & (SWINGS if swings else RUNS):
+                most = SWINGING if swings else RUNAWAY
                 why = runs_away(self.scheme.robot.joints, self.dq, most, limits.velocity)
                 self._change(ModeEvent.RUNS_AWAY, why)
 
     def _is_rate_too_low(self) -> bool:
         """Hold an arm whose states come too seldom; return whether even that is not possible."""
         scheme, rate, period = self.scheme, self.rate, self.admission.period
-        longest, turn = rate.fine
-        if period.seconds <= longest and scheme.loop_rate * period.seconds <= turn:
-            return False
-        rate.judge(scheme)
-        if rate.rate is Rate.FINE or not rate.is_too_low:
+        rate.judge(period, scheme)
+        if not rate.is_too_low:
             return False
         if scheme.hold_rate * period.least > 1:
             self._change(ModeEvent.FROZEN, rate.why)  # there is no loop that could

@@ -5,7 +5,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from eulerparams_control.control.judge import AT_REST
+from eulerparams_control.control.admission import AT_REST
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.limits import factor_within
 from eulerparams_control.laws.rotations import Array
@@ -35,20 +35,13 @@ class Watch:
     tau = -k B dq + C dq + g needs neither the controller nor a pose to go back to.  Where
     joint_states are silent there is no speed to brake: g where the arm was seen last stays for
     good, since without it the arm would fall, and any other effort would drive it.
-
-    Args:
-        robot: the arm.
-        parameters: of the node.
-
-    Attributes:
-        mode: what it does.
     """
 
     def __init__(self, robot: Robot, parameters: WatchdogParameters) -> None:
         self._robot, self._parameters = robot, parameters
         self.mode = WatchMode.WAITING
-        self._q, self._dq = np.zeros(robot.n), np.zeros(robot.n)
-        self._tau, self._joins = np.zeros(robot.n), False  # joins: goes over to the controller
+        self._q = self._dq = self._tau = np.zeros(robot.n)
+        self._joins = False  # whether it goes over to the efforts of the controller
         self._seen = self._heard = self._sent = -math.inf  # when they came, or left [s]
 
     def effort(self, tau: Array, t: float) -> Array | None:
@@ -72,8 +65,7 @@ class Watch:
     def lose_sight(self) -> None:
         """See no arm: whose states come is not known; gravity where it was seen last stays."""
         self._seen = -math.inf
-        if self.mode is WatchMode.PASSING:
-            self.mode = WatchMode.BRAKING
+        self.brake()
 
     def look(self, t: float) -> Array | None:
         """Return what is sent at t [s] because the controller is silent; None: it is not."""
@@ -99,7 +91,7 @@ class Watch:
         """Brake from now on, if efforts act; return whether there is nothing left to brake."""
         if self.mode is WatchMode.PASSING:
             self.mode = WatchMode.BRAKING
-        return self.mode not in (WatchMode.PASSING, WatchMode.BRAKING)
+        return self.mode is not WatchMode.BRAKING
 
     def resume(self, t: float) -> None:
         """Pass efforts on again; raises InvalidMessageError unless they come and the arm rests."""
@@ -115,5 +107,5 @@ class Watch:
     def _ramped(self, tau: Array, t: float) -> Array:
         """Return the efforts (n,) within the rate from those sent last."""
         step = self._parameters.max_effort_rate * min(t - self._sent, _LONGEST_STEP)
-        away = tau - self._tau
-        return self._tau + factor_within(np.zeros_like(tau), away, np.full_like(tau, step)) * away
+        away, most = tau - self._tau, np.full_like(tau, step)
+        return self._tau + factor_within(np.zeros_like(tau), away, most) * away

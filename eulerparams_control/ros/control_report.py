@@ -13,7 +13,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.mode import Cause, Mode, Why
-from eulerparams_control.control.speed_scaling import Nearness
+from eulerparams_control.control.pace import Nearness
 from eulerparams_control.errors import listed
 from eulerparams_control.laws.inverse import sigma_min
 from eulerparams_control.laws.rotations import Array

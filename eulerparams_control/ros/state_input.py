@@ -9,7 +9,6 @@ import numpy as np
 from sensor_msgs.msg import JointState
 
 from eulerparams_control.control.clock import steady
-from eulerparams_control.control.senders import Source
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.messages.from_ros import JointStateReader
@@ -17,6 +16,7 @@ from eulerparams_control.messages.wire import stamp_of
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.diagnostics import Health
 from eulerparams_control.ros.ros_time import RosTime
+from eulerparams_control.ros.senders import Source
 
 # joint_states that came within this time [s] at least are fresh.
 _FRESH = 0.1

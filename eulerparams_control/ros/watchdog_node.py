@@ -13,7 +13,6 @@ from std_srvs.srv import Trigger
 
 from eulerparams_control.control.clock import steady
 from eulerparams_control.control.mode import Why, contested, replaced
-from eulerparams_control.control.senders import Source
 from eulerparams_control.control.watch import Watch, WatchMode
 from eulerparams_control.errors import EulerParamsError, InvalidMessageError, listed
 from eulerparams_control.laws.rotations import Array
@@ -28,6 +27,7 @@ from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.publishers import names_of_publishers, refuse_two_publishers, unheard
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_STREAM, overridable
 from eulerparams_control.ros.runtime import run
+from eulerparams_control.ros.senders import Source
 
 _RESUME = "see to the controller; when it sends efforts again, call ~/resume"
 SAYS = {

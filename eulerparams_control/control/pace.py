@@ -14,10 +14,12 @@ Notation: ``sigma`` smallest singular value of J, ``s`` pace.
 """
 
 import math
-from enum import IntEnum
+from enum import Enum, auto
+
+import numpy as np
 
 from eulerparams_control.laws.inverse import sigma_min
-from eulerparams_control.laws.jit import Array, f8, i8, jit, types, vector
+from eulerparams_control.laws.jit import Array
 from eulerparams_control.laws.limits import POSITION_RATE, JointLimits
 from eulerparams_control.motion.motion_limits import MotionLimits
 
@@ -42,19 +44,16 @@ _STOP_TIME = 0.2
 _SLOW, _AT_LIMIT, _NEAR_LIMIT = 1e-3, 0.01, 0.1
 
 
-class Nearness(IntEnum):
+class Nearness(Enum):
     """How the arm is to a singularity or a limit."""
 
-    CLEAR = 0
-    APPROACHING = 1
-    INSIDE = 2
-    LEAVING = 3
+    CLEAR = auto()
+    APPROACHING = auto()
+    INSIDE = auto()
+    LEAVING = auto()
 
 
-_CLEAR, _APPROACHING, _INSIDE, _LEAVING = map(int, Nearness)
-
-
-class SpeedScaling:
+class Pace:
     """The pace of the desired motion.
 
     Args:
@@ -78,16 +77,14 @@ class SpeedScaling:
         length: float = 1.0,
         motion: MotionLimits | None = None,
     ) -> None:
-        self.limits, self.threshold, self._length = limits, threshold, length
-        self.motion = motion
+        self.limits, self.motion = limits, motion
+        self._threshold, self._length = threshold, length
         self.forget()
 
     def forget(self) -> None:
         """Start again, at full pace."""
-        self.wanted, self.since = 1.0, LOOK
-        self.singularity = self.limit = Nearness.CLEAR
-        self.joint = 0
-        self._sigma = math.nan
+        self.wanted, self.since, self._sigma = 1.0, LOOK, math.nan
+        self.singularity, self.limit, self.joint = Nearness.CLEAR, Nearness.CLEAR, 0
 
     def update(self, now: float, q: Array, dq: Array, J: Array) -> None:
         """Choose the pace for the steps until it is due again.
@@ -97,7 +94,7 @@ class SpeedScaling:
             q, dq: (n,) positions and velocities at which the loop is closed.
             J: (6, n) there.
         """
-        sigma, before, threshold = sigma_min(J, self._length), self._sigma, self.threshold
+        sigma, before, threshold = sigma_min(J, self._length), self._sigma, self._threshold
         near, pace = _nearness(sigma, before, threshold, self.singularity), 1.0
         if near is not Nearness.CLEAR:
             ratio = sigma / threshold
@@ -107,11 +104,9 @@ class SpeedScaling:
             for v_part, a in zip((v[:3], v[3:]), self.motion.accelerations, strict=True):
                 braked = _by_braking(now, left, math.sqrt(v_part @ v_part), a)
                 pace = min(pace, max(LEAST, braked))
-        self.limit = Nearness.CLEAR
         if self.limits is not None:
-            lower, upper, velocity = self.limits.lower, self.limits.upper, self.limits.velocity
-            slower, limit, self.joint = _pace_of_limits(now, q, dq, lower, upper, velocity)
-            pace, self.limit = min(pace, slower), Nearness(limit)
+            slower, self.limit, self.joint = _by_limits(now, q, dq, self.limits)
+            pace = min(pace, slower)
         self._sigma, self.singularity = sigma, near
         self.wanted, self.since = pace, 0.0
 
@@ -143,31 +138,21 @@ def _by_braking(now: float, left: float, v: float, a: float) -> float:
     return now * bearable / v
 
 
-@jit(types.Tuple((f8, i8, i8))(f8, vector, vector, vector, vector, vector))
-def _pace_of_limits(
-    now: float, q: Array, dq: Array, lower: Array, upper: Array, velocity: Array
-) -> tuple[float, int, int]:
+def _by_limits(now: float, q: Array, dq: Array, limits: JointLimits) -> tuple[float, Nearness, int]:
     """Return the pace for limits of the joints, and how near which joint is."""
-    first, ratio, by_speed, fastest, nearest, least = 0, math.inf, math.inf, 0.0, 0, math.inf
-    leaves = False
-    for i in range(len(q)):
-        below, above, speed = q[i] - lower[i], upper[i] - q[i], abs(dq[i])
-        room, ahead = min(above, below), above if dq[i] > 0 else below
-        rate = POSITION_RATE * max(ahead, 0.0) / max(speed, _SLOW)
-        if rate < ratio:
-            first, ratio = i, rate
-        if room < least:
-            nearest, least, leaves = i, room, ahead > room and speed > _SLOW
-        by_speed = min(by_speed, velocity[i] / max(speed, _SLOW))
-        fastest = max(fastest, speed)
-    near, joint = _CLEAR, nearest
-    if least < _AT_LIMIT:
-        near = _INSIDE
-    elif abs(dq[first]) > _SLOW and ratio < 1:
-        near, joint = _APPROACHING, first
-    elif least < _NEAR_LIMIT and leaves:
-        near = _LEAVING
-    if fastest <= _SLOW:
+    below, above, speeds = q - limits.lower, limits.upper - q, np.abs(dq)
+    room, ahead = np.minimum(above, below), np.where(dq > 0, above, below)
+    moving = np.maximum(speeds, _SLOW)
+    ratios, by_speed = POSITION_RATE * np.maximum(ahead, 0.0) / moving, limits.velocity / moving
+    first, nearest = int(ratios.argmin()), int(room.argmin())
+    near, joint, approaches = Nearness.CLEAR, nearest, speeds[first] > _SLOW
+    if room[nearest] < _AT_LIMIT:
+        near = Nearness.INSIDE
+    elif approaches and ratios[first] < 1:
+        near, joint = Nearness.APPROACHING, first
+    elif room[nearest] < min(ahead[nearest], _NEAR_LIMIT) and speeds[nearest] > _SLOW:
+        near = Nearness.LEAVING
+    if speeds.max() <= _SLOW:
         return 1.0, near, joint
-    by_position = max(LEAST, now * ratio) if abs(dq[first]) > _SLOW else 1.0
-    return min(1.0, min(by_position, max(CREEP, now * by_speed))), near, joint
+    by_position = max(LEAST, now * ratios[first]) if approaches else 1.0
+    return float(min(1.0, by_position, max(CREEP, now * by_speed.min()))), near, joint

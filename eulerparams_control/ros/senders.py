@@ -64,8 +64,7 @@ class Senders:
         self._last: _Sender | None = None  # who spoke last
         self.accepted: _Sender | None = None
         self._returns = 0
-        self._unnumbered = False
-        self.contested = False
+        self._unnumbered = self.contested = False
 
     def see(self, names: Sequence[str]) -> None:
         """Take the names of the nodes, one a publisher, that the graph shows at present."""
@@ -75,21 +74,11 @@ class Senders:
             self.contested = len(set(names)) > 1
 
     def hear(self, number: int, now: float) -> bool:
-        """Return whether to heed the message of this number that came at ``now`` [s]."""
+        """Return whether to use the message of this number that came at ``now`` [s]."""
         last = self._last
         if last is not None and last is self.accepted and number == last.number + 1:
             last.number, last.heard = number, now
             return True
-        return self._distinguish(number, now)
-
-    def review(self, now: float) -> None:
-        """Forget who has been silent for long at ``now`` [s]."""
-        self._known = [s for s in self._known if now - s.heard <= self._quiet][-_MAX_SENDERS:]
-        if len(self._known) < 2 and not self._unnumbered:
-            self.contested, self._returns = False, 0
-
-    def _distinguish(self, number: int, now: float) -> bool:
-        """Do as ``hear`` where it is not plain that the last sender goes on."""
         if number == UNNUMBERED:
             self._unnumbered = True
             return not self.contested
@@ -98,23 +87,22 @@ class Senders:
         if sender is None:
             sender = _Sender(number, now)
             self._known.append(sender)
-        elif sender is not self._last and self._last is not None:
+        elif last is not None and sender is not last:
             self._returns += 1
-            soon = now - self._last.heard <= self._pause
-            self.contested |= soon or self._returns >= _RETURNS
+            self.contested |= now - last.heard <= self._pause or self._returns >= _RETURNS
         sender.number, sender.heard = number, now
-        self._last = sender
+        self._last, first = sender, self.accepted
         if self.contested:
             self.accepted = None
-        elif self._may_follow(self.accepted, sender, now):
+        elif first is None or self._at_once or now - first.heard > self._pause:
             self.accepted = sender
         return self.accepted is sender
 
-    def _may_follow(self, first: _Sender | None, sender: _Sender, now: float) -> bool:
-        """Whether a sender may be accepted instead of, or as, the first."""
-        if first is None or first is sender or self._at_once:
-            return True
-        return now - first.heard > self._pause
+    def review(self, now: float) -> None:
+        """Forget who has been silent for long at ``now`` [s]."""
+        self._known = [s for s in self._known if now - s.heard <= self._quiet][-_MAX_SENDERS:]
+        if len(self._known) < 2 and not self._unnumbered:
+            self.contested, self._returns = False, 0
 
     def _sender_of(self, number: int, now: float) -> _Sender | None:
         """Return whose last number is the nearest below this one; of equals, who spoke last.
@@ -125,7 +113,7 @@ class Senders:
         def may_be(s: _Sender) -> bool:
             return 0 < number - s.number <= (self._lost if now - s.heard <= self._pause else 1)
 
-        near = [s for s in self._known if may_be(s)]
+        near = filter(may_be, self._known)
         return max(near, key=lambda s: (s.number, s is self._last), default=None)
 
 
@@ -147,6 +135,7 @@ class Source:
     Attributes:
         is_believed: whether something may be commanded that is made from the states.
         is_disputed: whether two speak, or the one that is left was not believed before.
+        is_numbered: whether the middleware numbers the messages.
     """
 
     def __init__(self) -> None:
@@ -169,20 +158,19 @@ class Source:
     def hear(self, number: int, now: float) -> bool:
         """Return whether the state of this number that came at ``now`` [s] may be looked at."""
         senders = self._senders
-        is_accepted = senders.hear(number, now)
+        is_accepted, one = senders.hear(number, now), senders.accepted
         if senders.contested:
             self._dispute(math.inf)
             return False
-        self.is_numbered = senders.accepted is not None
+        self.is_numbered = one is not None
         if not is_accepted:
             return False
         if self.is_disputed and self.is_numbered:
-            if self._before not in (None, senders.accepted):
+            if self._before not in (None, one):
                 return False
-            self._believe(senders.accepted, now)
-            self._looked_long = True
-        elif self._due == math.inf or senders.accepted is not self._one:
-            self._believe(senders.accepted, now + LOOK)
+            self._believe(one, now, is_sure=True)
+        elif self._due == math.inf or one is not self._one:
+            self._believe(one, now + LOOK)
         return True
 
     def contradict(self, now: float) -> None:
@@ -193,11 +181,9 @@ class Source:
             self._due = now + LOOK
 
     def look(self, now: float, has_several: Callable[[], bool]) -> bool:
-        """Return whether the states are believed at ``now`` [s].
+        """Return whether the states are believed at ``now`` [s], steady clock.
 
-        Args:
-            now: steady clock [s].
-            has_several: returns whether the graph shows several publishers.
+        ``has_several`` returns whether the graph shows several publishers.
         """
         if self.is_believed:
             return True
@@ -212,13 +198,12 @@ class Source:
     def accept(self, now: float) -> None:
         """Believe the one that is left, although it was not believed before the dispute."""
         if self.is_disputed and not self.is_contested:
-            self._believe(self._senders.accepted, now)
-            self._looked_long = True
+            self._believe(self._senders.accepted, now, is_sure=True)
 
-    def _believe(self, one: object, due: float) -> None:
-        """Listen to one, and believe it from a time on [s]."""
-        self._one, self._due = one, due
-        self.is_believed = self.is_disputed = self._looked_long = False
+    def _believe(self, one: object, due: float, *, is_sure: bool = False) -> None:
+        """Listen to one, and believe it from a time on [s], without a longer look if it is sure."""
+        self._one, self._due, self._looked_long = one, due, is_sure
+        self.is_believed = self.is_disputed = False
 
     def _dispute(self, due: float) -> None:
         """Believe nobody until a time [s]."""
