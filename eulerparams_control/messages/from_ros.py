@@ -15,7 +15,6 @@ import numpy as np
 
 from eulerparams_control.errors import ConfigurationError, InvalidMessageError
 from eulerparams_control.laws.rotations import Array, EulerParameters
-from eulerparams_control.messages.wire import AtBytes, JointsAt
 from eulerparams_control.motion.frames import DesiredFrame, Placement
 from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.spline import Poses
@@ -158,7 +157,6 @@ class JointStateReader(_JointReader):
     def __init__(self, joints: Sequence[str], needs_velocity: bool = False) -> None:
         super().__init__(joints, "joint_states")
         self._needs_velocity = needs_velocity
-        self._at: JointsAt | None = None  # in messages like the last valid one
 
     def from_ros(self, msg: Any) -> tuple[int, Array, Array]:
         """Return the stamp [ns], q (n,) and dq (n,); dq is 0 where the message has none.
@@ -179,17 +177,7 @@ class JointStateReader(_JointReader):
             )
         speeds = self._pick(dq, msg, "velocity") if has_velocity else np.zeros(len(q))
         self.has_velocity = has_velocity  # only now: what is refused says nothing
-        is_known = has_velocity and type(msg) is AtBytes
-        self._at = msg.known.joints(index) if is_known else None
         return ns_from_ros(msg.header.stamp), q, speeds
-
-    def from_bytes(self, data: bytes) -> tuple[int, Array, Array] | None:
-        """Return the same of the bytes of a message like the last valid one, with velocities.
-
-        None: it has another layout, or a number that is not finite or too large; then
-        :meth:`from_ros` says what it is.
-        """
-        return None if self._at is None else self._at.read(data, LARGEST)
 
     def effort_from_ros(self, msg: Any) -> Array | None:
         """Return the efforts (n,) of a message; None where it has none that can be used."""
@@ -363,12 +351,8 @@ def wrench_from_ros(msg: Any, frame_id: str) -> Array:
         raise InvalidMessageError(
             f"the wrench is in the frame '{shown(msg.header.frame_id)}'; expected '{frame_id}'"
         )
-    wrench: Sequence[float]
-    if type(msg) is AtBytes:
-        wrench = msg.six
-    else:
-        force, torque = msg.wrench.force, msg.wrench.torque
-        wrench = [force.x, force.y, force.z, torque.x, torque.y, torque.z]
+    force, torque = msg.wrench.force, msg.wrench.torque
+    wrench = [force.x, force.y, force.z, torque.x, torque.y, torque.z]
     if not sum(map(abs, wrench)) <= LARGEST and not _are_possible(wrench):
         raise InvalidMessageError(f"the wrench has a {_fault(wrench)} value: {[*wrench]}")
     return np.array(wrench)

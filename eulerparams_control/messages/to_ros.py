@@ -1,8 +1,9 @@
-"""From the types of the core to messages; ``messages.py`` has the way back.
+"""From the types of the core to messages; ``from_ros.py`` has the way back.
 
 Quaternions are (eta, eps) inside and xyzw in messages.
 """
 
+from array import array
 from collections.abc import Sequence
 
 import numpy as np
@@ -48,6 +49,11 @@ def duration_to_ros(seconds: float) -> Duration:
     return Duration(sec=ns // 1_000_000_000, nanosec=ns % 1_000_000_000)
 
 
+def numbers_to_ros(values: Array | None) -> "array[float]":
+    """Return (n,) as float64[], none for None; lists of floats are slower."""
+    return array("d", b"" if values is None else values.tobytes())
+
+
 def vector_to_ros(v: Array) -> Vector3:
     """Return (3,) as a message."""
     x, y, z = v.tolist()
@@ -68,21 +74,29 @@ def motion_to_ros(
     msg = MultiDOFJointTrajectory(joint_names=[tip_frame])
     msg.header.frame_id = base_frame
     for t, frame in zip(trajectory.times, trajectory.frames, strict=True):
-        msg.points.append(_frame_to_ros(frame, t))
+        point = MultiDOFJointTrajectoryPoint(
+            transforms=[Transform()], velocities=[Twist()], accelerations=[Twist()]
+        )
+        point.time_from_start = duration_to_ros(t)
+        frame_to_ros(frame, point)
+        msg.points.append(point)
     return msg
 
 
-def _frame_to_ros(frame: DesiredFrame, t: float) -> MultiDOFJointTrajectoryPoint:
-    return MultiDOFJointTrajectoryPoint(
-        transforms=[
-            Transform(translation=vector_to_ros(frame.p_d), rotation=quaternion_to_ros(frame.R_d))
-        ],
-        velocities=[Twist(linear=vector_to_ros(frame.dp_d), angular=vector_to_ros(frame.omega_d))],
-        accelerations=[
-            Twist(linear=vector_to_ros(frame.ddp_d), angular=vector_to_ros(frame.domega_d))
-        ],
-        time_from_start=duration_to_ros(t),
+def frame_to_ros(frame: DesiredFrame, point: MultiDOFJointTrajectoryPoint) -> None:
+    """Write a desired frame into a point that has one transform and twists."""
+    pose, velocity, acceleration = (
+        each[0] for each in (point.transforms, point.velocities, point.accelerations)
     )
+    pose.rotation = quaternion_to_ros(frame.R_d)
+    for v, part in (
+        (frame.p_d, pose.translation),
+        (frame.dp_d, velocity.linear),
+        (frame.omega_d, velocity.angular),
+        (frame.ddp_d, acceleration.linear),
+        (frame.domega_d, acceleration.angular),
+    ):
+        part.x, part.y, part.z = v.tolist()
 
 
 def pose_to_ros(p: Array, R: Array, stamp: Time, frame_id: str) -> PoseStamped:
