@@ -45,10 +45,9 @@ class JointStateBytes:
         self._mask = int.from_bytes([0 if byte is _ANY else 255 for byte in form])
 
     def read(self, data: bytes) -> tuple[Time, Array, Array] | None:
-        """Return the stamp, q (n,) and dq (n,) of a message.
+        """Return the stamp, q (n,) and dq (n,) of a message; None: deserialise and check it.
 
-        None: it is of another form, or a number is not finite or too large; then it is to be
-        deserialised, and checked by :class:`from_ros.JointStateReader`.
+        It is of another form then, or a number is not finite or too large.
         """
         end = self._end
         if len(data) < end or int.from_bytes(data[:end]) & self._mask != self._common:

@@ -97,7 +97,10 @@ class StateInput:
             return None
         if self._moved is not None and 0 <= self.measured[0] - self._moved < _CALM * 1e9:
             return None
-        return self._reader.effort_from_ros(deserialized(self._last, JointState))
+        try:
+            return self._reader.read(deserialized(self._last, JointState), "effort")
+        except InvalidMessageError:
+            return None  # it has none that can be used
 
     def take(self, data: bytes, number: int) -> Sequence[str]:
         """Take a message at its bytes.
