@@ -16,7 +16,6 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -26,10 +25,10 @@ from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import InvalidMessageError, SimulationError, kind_of
 from eulerparams_control.events import Event, tell
 from eulerparams_control.messages.from_ros import ns_from_ros
-from eulerparams_control.messages.wire import Stamp, Template
+from eulerparams_control.messages.to_ros import stamp_to_ros, wrench_to_ros
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.ros import diagnostics
-from eulerparams_control.ros.message_info import NUMBER, with_info
+from eulerparams_control.ros.message_info import NUMBER, deserialized, with_info
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.publishers import names_of_publishers
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_STREAM, overridable
@@ -114,16 +113,16 @@ class BridgeNode(Node):
 
     def _make_messages(self, names: Sequence[str]) -> None:
         p = self._params
-        still, wrench = [0.0] * len(names), WrenchStamped()  # as grippers are, locked at 0
-        states = JointState(name=list(names), position=still, velocity=still, effort=still)
-        if not p.velocities:
-            states.velocity = [math.nan] * len(names)
-        moving = slice(len(self._robot.joints))
-        self._states = _template(states, ("position", "velocity", "effort"), moving)
-        wrench.header.frame_id = self._robot.sensor_frame
-        self._wrench, self._time = _template(wrench, ("wrench",)), _template(ClockMessage())
+        still = [0.0] * len(names)  # as grippers are, locked at 0
+        speeds = still if p.velocities else [math.nan] * len(names)
+        states = JointState(name=list(names), position=still, velocity=speeds, effort=still)
+        self._states, self._wrench, self._time = states, WrenchStamped(), ClockMessage()
+        self._wrench.header.frame_id = self._robot.sensor_frame
+        self._moving = [  # views into the message
+            np.frombuffer(numbers)[: len(self._robot.joints)]
+            for numbers in (states.position, states.velocity, states.effort)
+        ]
         self._dither = np.random.default_rng(0).uniform(-_DITHER, _DITHER, (_DITHERS, 6))
-        self._read = self._health.reader(JointState)
         self._clock_every = max(1, round(p.rate / p.clock_rate))
         self._progress_every = max(1, round(p.duration * p.rate) // 10) if p.duration else 0
 
@@ -175,22 +174,26 @@ class BridgeNode(Node):
     # --- messages ----------------------------------------------------------------------
 
     def _publish(self, state: SimulatorState, stamp_ns: int) -> None:
-        stamp = Stamp(*divmod(stamp_ns, 1_000_000_000))
+        stamp = stamp_to_ros(stamp_ns)
         if state.step % self._clock_every == 0:
-            self._clock_publisher.publish(self._time.filled(stamp, ()))
+            self._time.clock = stamp
+            self._clock_publisher.publish(self._time)
         if self._wrench_publisher.get_subscription_count():
             w = state.wrench
             if self._params.mode != LOCKSTEP:
                 w = w + self._dither[state.step % _DITHERS]
-            self._wrench_publisher.publish(self._wrench.filled(stamp, (w,)))
-        joints = state.q, state.dq, state.tau
-        self._state_publisher.publish(self._states.filled(stamp, joints))
+            wrench_to_ros(w, stamp, self._wrench)
+            self._wrench_publisher.publish(self._wrench)
+        self._states.header.stamp = stamp
+        for numbers, values in zip(self._moving, (state.q, state.dq, state.tau), strict=True):
+            numbers[:] = values
+        self._state_publisher.publish(self._states)
         if self._progress_every and state.step and state.step % self._progress_every == 0:
             tell(Event.PROGRESS, t=state.t)
 
     def _on_command(self, data: bytes, info: Mapping[str, Any]) -> None:
         try:
-            msg = self._read(data)
+            msg = deserialized(data, JointState)
         except InvalidMessageError as error:
             self._health.reject(self._drive.topic, error)
             return
@@ -236,10 +239,6 @@ class BridgeNode(Node):
         if status.mode is DriveMode.OBEYING and not self._obeyed:
             tell(Event.COMMANDED)
         self._obeyed = status.mode is DriveMode.OBEYING
-
-
-def _template(msg: Any, names: Sequence[str] = (), written: Any = ...) -> Template:
-    return Template(type(msg).__name__, serialize_message(msg), names, written)
 
 
 def main(args: list[str] | None = None) -> int:

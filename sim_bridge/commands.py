@@ -5,7 +5,8 @@ from typing import Any
 
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.messages.from_ros import CommandReader, wrench_from_ros
+from eulerparams_control.messages.from_ros import LARGEST_COMMAND, JointReader, wrench_from_ros
+from eulerparams_control.parameters.schemes import COMMANDS
 
 Command = tuple[Array, ...]
 """q and dq (n,) [rad, rad/s] in position control, tau (n,) [Nm] in torque control."""
@@ -26,9 +27,9 @@ class CommandInput:
     """
 
     def __init__(self, joints: Sequence[str], control: str) -> None:
-        self._reader = CommandReader(joints, control)
+        self.topic = COMMANDS[control]
+        self._reader = JointReader(joints, self.topic, LARGEST_COMMAND)
         self._is_position = control == "position"
-        self.topic = "joint_reference" if self._is_position else "joint_effort"
 
     def from_ros(self, msg: Any) -> Command:
         """Return the command of a message.
@@ -39,8 +40,9 @@ class CommandInput:
         """
         try:
             if self._is_position:
-                return self._reader.position_from_ros(msg)
-            return (self._reader.effort_from_ros(msg),)
+                q = self._reader.read(msg, "position")
+                return q, self._reader.read(msg, "velocity") if len(msg.velocity) else 0.0 * q
+            return (self._reader.read(msg, "effort"),)
         except InvalidMessageError as error:
             raise self._misfit(msg) or error from None
 

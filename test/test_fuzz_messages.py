@@ -9,7 +9,7 @@ import math
 import operator
 import tracemalloc
 from collections.abc import Callable, Iterator
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -26,8 +26,10 @@ from test_messages import JOINTS, REFUSALS, good
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.errors import InvalidMessageError
-from eulerparams_control.messages.from_ros import LARGEST, CommandReader, JointStateReader
+from eulerparams_control.messages.from_ros import LARGEST, JointStateReader
 from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.parameters.schemes import COMMANDS
+from sim_bridge.commands import CommandInput
 
 LONGEST_REFUSAL = 5000  # characters
 # A command may exceed a limit by its rounding.
@@ -117,10 +119,9 @@ def test_joint_states_and_commands_are_finite_or_refused(msg, needs_velocity):
         assert q.shape == dq.shape == (3,)
         assert_possible(q, dq)
         assert all(list(msg.name).count(joint) == 1 for joint in JOINTS)
-    position = taken(lambda: CommandReader(JOINTS, "position").position_from_ros(msg))
-    effort = taken(lambda: CommandReader(JOINTS, "torque").effort_from_ros(msg))
-    for values in (*(position or ()), *(() if effort is None else (effort,))):
-        assert np.isfinite(np.square(values)).all()  # nothing overflows in the robot
+    for read in (CommandInput(JOINTS, control).from_ros for control in COMMANDS):
+        for values in taken(partial(read, msg)) or ():
+            assert np.isfinite(np.square(values)).all()  # nothing overflows in the robot
 
 
 @pytest.mark.parametrize("kind", REFUSALS)

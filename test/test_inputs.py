@@ -15,7 +15,7 @@ from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.parameter import Parameter
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import serialize_message
 from ros_processes import (
     FRAMES,
     HOME,
@@ -39,7 +39,6 @@ from eulerparams_control.errors import InvalidMessageError, RobotError
 from eulerparams_control.laws.rotations import angle_between
 from eulerparams_control.messages.from_ros import JointStateReader
 from eulerparams_control.messages.to_ros import pose_to_ros, stamp_to_ros
-from eulerparams_control.messages.wire import Reader
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.qos import QOS_LATCHED
@@ -111,8 +110,7 @@ def without_velocities(arm: Any) -> None:
 
 def states_of(needs_velocity: bool = False) -> Any:
     """Return an input of states, and what lets it take one."""
-    read = Reader("JointState", lambda data: deserialize_message(data, JointState)).read
-    states = StateInput(RealTime(), SimpleNamespace(reader=lambda *_: read))
+    states = StateInput(RealTime())
     states.expect(MODEL, needs_velocity)
     numbers = count(1)
 

@@ -131,6 +131,7 @@ def test_messages_of_several_layouts_become_columns(tmp_path):
         b"",
         _joint_state(["a", "b"], [1.0, 2.0], 6)[:-9],
     ]
+    messages[2] = messages[2][:17] + b"\4\5\6" + messages[2][20:]  # what pads a message is any
     found = {tuple(g.index.tolist()): g for g in columns(schema, messages)}
     assert sorted(found) == [(0, 2), (1,), (3,), (4,)]
     assert found[0, 2].numbers["position"].tolist() == [[1.0, 2.0], [5.0, 6.0]]

@@ -32,6 +32,8 @@ from eulerparams_control.messages.to_ros import (
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame, Placement
 from eulerparams_control.motion.references import SetPoint
 from eulerparams_control.motion.trajectories import MAX_POINTS, Trajectory
+from eulerparams_control.parameters.schemes import COMMANDS
+from sim_bridge.commands import CommandInput
 
 JOINTS = ("shoulder", "elbow", "wrist")
 STAMP = Time(sec=3, nanosec=250_000_000)
@@ -190,23 +192,18 @@ def test_the_order_of_the_joints_may_change_from_message_to_message():
 
 
 def test_commands_are_read_by_name_and_refused_by_the_name_of_their_topic():
-    position, effort = (
-        from_ros.CommandReader(JOINTS, "position"),
-        from_ros.CommandReader(JOINTS, "torque"),
-    )
-    names = ["wrist", "shoulder", "elbow"]
-    msg = travelled(JointState(name=names, position=[3.0, 1.0, 2.0], velocity=[0.3, 0.1, 0.2]))
-    q, dq = position.position_from_ros(msg)
-    assert (q.tolist(), dq.tolist()) == ([1.0, 2.0, 3.0], [0.1, 0.2, 0.3])
-    q, dq = position.position_from_ros(JointState(name=names, position=[3.0, 1.0, 2.0]))
-    assert (q.tolist(), dq.tolist()) == ([1.0, 2.0, 3.0], [0.0, 0.0, 0.0])
-    msg = travelled(JointState(name=names, effort=[30.0, 10.0, 20.0]))
-    assert effort.effort_from_ros(msg).tolist() == [10.0, 20.0, 30.0]
-    with pytest.raises(InvalidMessageError, match="joint_effort has 3 names but 0 values of effor"):
-        effort.effort_from_ros(JointState(name=names, position=[1.0] * 3))
+    position, effort = (CommandInput(JOINTS, control).from_ros for control in COMMANDS)
+    names, q, dq = ["wrist", "shoulder", "elbow"], [3.0, 1.0, 2.0], [0.3, 0.1, 0.2]
+    found = position(travelled(JointState(name=names, position=q, velocity=dq)))
+    assert [part.tolist() for part in found] == [[1.0, 2.0, 3.0], [0.1, 0.2, 0.3]]
+    found = position(JointState(name=names, position=q))
+    assert [part.tolist() for part in found] == [[1.0, 2.0, 3.0], [0.0, 0.0, 0.0]]
+    (found,) = effort(travelled(JointState(name=names, effort=[30.0, 10.0, 20.0])))
+    assert found.tolist() == [10.0, 20.0, 30.0]
+    with pytest.raises(InvalidMessageError, match="joint_effort has 3 names but 2 values of effor"):
+        effort(JointState(name=names, effort=[1.0] * 2))
     with pytest.raises(InvalidMessageError, match="joint_reference has a non-finite velocity"):
-        bad = JointState(name=names, position=[1.0] * 3, velocity=[math.inf] * 3)
-        position.position_from_ros(bad)
+        position(JointState(name=names, position=q, velocity=[math.inf] * 3))
 
 
 # --- what is refused of references, poses, wrenches -------------------------------------------

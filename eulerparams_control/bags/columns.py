@@ -1,6 +1,6 @@
 """Many messages of one topic at once: their fields as arrays, without an object a message.
 
-Of messages of one layout one shows where each number of all of them is, see :mod:`messages.wire`.
+Of messages of one layout one shows where each number of all of them is, see :mod:`bags.layout`.
 
     for group in columns(schema, messages):
         group.numbers["header.stamp.sec"]     # (N,)
@@ -9,7 +9,6 @@ Of messages of one layout one shows where each number of all of them is, see :mo
 """
 
 import math
-import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -19,8 +18,8 @@ import numpy as np
 from mcap.records import Schema
 from numpy.typing import NDArray
 
+from eulerparams_control.bags.layout import NUMBERS, Field, Layout
 from eulerparams_control.errors import BagError
-from eulerparams_control.messages.wire import NUMBERS, Field, Layout, Walk
 
 _DEEPEST = 50  # types within types; messages have five or six
 _LONGEST = 2**18  # bytes of a schema; those of messages have some thousands
@@ -99,11 +98,7 @@ def check(schema: Schema, message: bytes) -> None:
         BagError: if the schema cannot be understood.
         ValueError: if the message is not one of its type, or ends too early.
     """
-    types = _types(schema.name, schema.data)
-    try:
-        Walk(types, message).message(schema.name)
-    except (struct.error, IndexError) as error:
-        raise ValueError(str(error)) from error
+    Layout(_types(schema.name, schema.data), schema.name, message)
 
 
 def _groups(
@@ -114,19 +109,20 @@ def _groups(
 ) -> Iterator[Group]:
     while len(index):
         try:
-            layout = Walk(types, rows[0].tobytes()).message(name)
-        except (struct.error, UnicodeDecodeError, IndexError, ValueError):
+            layout = Layout(types, name, rows[0].tobytes())
+        except ValueError:
             index, rows = index[1:], rows[1:]
             continue
         same = (rows[:, layout.fixed] == rows[0, layout.fixed]).all(axis=1)
         chosen = rows if same.all() else rows[same]
-        numbers = {path: _column(chosen, layout, path) for path in layout.numbers}
+        numbers = {path: _column(chosen, *place) for path, place in layout.numbers.items()}
         yield Group(index[same], numbers, layout.texts)
         index, rows = index[~same], rows[~same]
 
 
-def _column(rows: NDArray[np.uint8], layout: Layout, path: str) -> NDArray[Any]:
-    shape, dtype, at = layout.part(path)
+def _column(
+    rows: NDArray[np.uint8], at: int, dtype: np.dtype[Any], shape: tuple[int, ...]
+) -> NDArray[Any]:
     part = rows[:, at : at + dtype.itemsize * math.prod(shape)]
     return np.ascontiguousarray(part).view(dtype).reshape(len(rows), *shape)
 

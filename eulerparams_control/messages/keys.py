@@ -30,49 +30,24 @@ class LifecycleCause(StrEnum):
     DEFECT = "defect"
 
 
-MODE = "mode"
-"""What the node does: a value of the enumeration of its modes."""
+MODE = "mode"  # what the node does: a value of the enumeration of its modes
+CAUSE = "cause"  # why, if it is not what it was asked for: a value of an enumeration, or ""
+SINCE = "since"  # [s] of the clock of the node
+REMEDY = "remedy"  # what is to be done about it; "" if nothing
+BEGAN = "reference began at [ns]"  # the stamp at which a controller began to follow a trajectory
+PACE = "pace"  # how fast the time of the desired motion runs: 1 is as asked
+SLOWED = "slowed trajectory"  # least pace of a trajectory, which limits of the tip slow; else 1
+SATURATED = "saturated ticks"  # how many commands limits have changed since activation
+WRENCH_FRAME = "wrench frame"  # in whose axes and about whose origin the wrench is, and why
+UNHEARD = "publishers not heard"  # whose QoS does not match, and what mends it; no key if none
+FROZEN = "frozen"  # 1 while the desired motion waits for an input that it needs; else 0
 
-CAUSE = "cause"
-"""Why it does that, if it is not what it was asked for; a value of an enumeration, or ""."""
-
-SINCE = "since"
-"""Since when it does: [s] of the clock of the node."""
-
-REMEDY = "remedy"
-"""What is to be done about it; "" if nothing."""
-
-BEGAN = "reference began at [ns]"
-"""The stamp at which a controller began to follow a trajectory."""
-
-PACE = "pace"
-"""How fast the time of the desired motion runs: 1 is as asked."""
-
-SLOWED = "slowed trajectory"
-"""The slowest rate of the time of a trajectory that is slowed for the limits of the tip; else 1."""
-
-SATURATED = "saturated ticks"
-"""How many commands limits have changed since activation."""
-
-WRENCH_FRAME = "wrench frame"
-"""In whose axes and about whose origin the wrench is taken to be, and why."""
-
-UNHEARD = "publishers not heard"
-"""Who publishes an input with a QoS that does not match, and what mends it; no key if none."""
-
-FROZEN = "frozen"
-"""1 while the desired motion waits, because what it needs is not known; else 0."""
-
+# Names on ``~/impedance``: M, D, K of (52), then of (59); all; those without a compliant frame.
 IMPEDANCE = tuple(
     f"{matrix}_{part}.{element}"
     for part in "po"
     for matrix in "MDK"
     for element in ("xx", "xy", "xz", "yy", "yz", "zz")
 )
-"""Names of the numbers on ``~/impedance``: M, D, K of (52), then of (59)."""
-
 ACTING = (*IMPEDANCE, "error_clip_position", "error_clip_rotation")
-"""All that ``~/impedance`` may have."""
-
 SPRINGS = tuple(name for name in ACTING if name.startswith(("K", "error")))
-"""Names of the numbers on ``~/impedance`` of springs without a compliant frame."""

@@ -1,8 +1,6 @@
-"""From the types of the core to messages; ``messages.py`` has the way back.
+"""From the types of the core to messages; ``from_ros.py`` has the way back."""
 
-Quaternions are (eta, eps) inside and xyzw in messages.
-"""
-
+from array import array
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,6 +14,7 @@ from geometry_msgs.msg import (
     Vector3,
     WrenchStamped,
 )
+from numpy.typing import ArrayLike
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
@@ -27,25 +26,27 @@ from eulerparams_control.messages.keys import IMPEDANCE, SPRINGS
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 
-# Seconds are 32 bits with a sign.
-_MOST_SECONDS = 2**31 - 1
+_MOST_SECONDS = 2**31 - 1  # 32 bits with a sign
+_UPPER = np.triu_indices(3)
 
 
 def stamp_to_ros(ns: int) -> Time:
     """Return nanoseconds as a stamp."""
-    return Time(sec=ns // 1_000_000_000, nanosec=ns % 1_000_000_000)
+    sec, nanosec = divmod(ns, 1_000_000_000)
+    return Time(sec=sec, nanosec=nanosec)
 
 
 def duration_to_ros(seconds: float) -> Duration:
-    """Return seconds as a duration.
-
-    Raises:
-        ConfigurationError: if there are more than a message can hold, or less than 0.
-    """
+    """Return seconds as a duration; raises ConfigurationError if a message cannot hold them."""
     if not 0 <= seconds < _MOST_SECONDS:
         raise ConfigurationError(f"{seconds:g} s: expected 0 to {_MOST_SECONDS:g} s")
-    ns = round(seconds * 1e9)
-    return Duration(sec=ns // 1_000_000_000, nanosec=ns % 1_000_000_000)
+    sec, nanosec = divmod(round(seconds * 1e9), 1_000_000_000)
+    return Duration(sec=sec, nanosec=nanosec)
+
+
+def numbers_to_ros(values: Array | None) -> "array[float]":
+    """Return (n,) as float64[], as rclpy takes it without looking at each number."""
+    return array("d", b"" if values is None else values.tobytes())
 
 
 def vector_to_ros(v: Array) -> Vector3:
@@ -68,21 +69,27 @@ def motion_to_ros(
     msg = MultiDOFJointTrajectory(joint_names=[tip_frame])
     msg.header.frame_id = base_frame
     for t, frame in zip(trajectory.times, trajectory.frames, strict=True):
-        msg.points.append(_frame_to_ros(frame, t))
+        point = MultiDOFJointTrajectoryPoint(
+            transforms=[Transform()], velocities=[Twist()], accelerations=[Twist()]
+        )
+        point.time_from_start = duration_to_ros(t)
+        frame_to_ros(frame, point)
+        msg.points.append(point)
     return msg
 
 
-def _frame_to_ros(frame: DesiredFrame, t: float) -> MultiDOFJointTrajectoryPoint:
-    return MultiDOFJointTrajectoryPoint(
-        transforms=[
-            Transform(translation=vector_to_ros(frame.p_d), rotation=quaternion_to_ros(frame.R_d))
-        ],
-        velocities=[Twist(linear=vector_to_ros(frame.dp_d), angular=vector_to_ros(frame.omega_d))],
-        accelerations=[
-            Twist(linear=vector_to_ros(frame.ddp_d), angular=vector_to_ros(frame.domega_d))
-        ],
-        time_from_start=duration_to_ros(t),
-    )
+def frame_to_ros(frame: DesiredFrame, point: MultiDOFJointTrajectoryPoint) -> None:
+    """Write a desired frame into a point that has one transform and twists."""
+    pose, velocity, acceleration = point.transforms[0], point.velocities[0], point.accelerations[0]
+    pose.rotation = quaternion_to_ros(frame.R_d)
+    for v, part in (
+        (frame.p_d, pose.translation),
+        (frame.dp_d, velocity.linear),
+        (frame.omega_d, velocity.angular),
+        (frame.ddp_d, acceleration.linear),
+        (frame.domega_d, acceleration.angular),
+    ):
+        part.x, part.y, part.z = v.tolist()
 
 
 def pose_to_ros(p: Array, R: Array, stamp: Time, frame_id: str) -> PoseStamped:
@@ -112,23 +119,18 @@ def lyapunov_to_ros(V: float, dV: float, dV_measured: float) -> Float64MultiArra
 
 def impedance_to_ros(translation: Impedance, rotation: Impedance, stamp: Time) -> JointState:
     """Return the matrices of an impedance by name, as positions of :data:`keys.IMPEDANCE`."""
-    matrices = [matrix for Z in (translation, rotation) for matrix in (Z.M, Z.D, Z.K)]
-    return _named(IMPEDANCE, matrices, (), stamp)
+    numbers = [matrix[_UPPER] for Z in (translation, rotation) for matrix in (Z.M, Z.D, Z.K)]
+    return _named(IMPEDANCE, numbers, stamp)
 
 
 def springs_to_ros(K_p: Array, K_o: Array, clips: Sequence[float], stamp: Time) -> JointState:
     """Return stiffnesses (3, 3) and clips by name, as positions of :data:`keys.SPRINGS`."""
-    return _named(SPRINGS, (K_p, K_o), clips, stamp)
+    return _named(SPRINGS, [K_p[_UPPER], K_o[_UPPER], clips], stamp)
 
 
-def _named(
-    names: Sequence[str], matrices: Sequence[Array], others: Sequence[float], stamp: Time
-) -> JointState:
-    """Return upper triangles of matrices (3, 3), then other numbers, by name as positions."""
-    upper = np.triu_indices(3)
-    msg = JointState(name=list(names))
+def _named(names: Sequence[str], numbers: Sequence[ArrayLike], stamp: Time) -> JointState:
+    msg = JointState(name=list(names), position=np.concatenate(numbers).tolist())
     msg.header.stamp = stamp
-    msg.position = np.concatenate([*(matrix[upper] for matrix in matrices), others]).tolist()
     return msg
 
 

@@ -1,55 +1,28 @@
 """The joint command as a message: the types that ros2_control's controllers take."""
 
 from collections.abc import Callable, Sequence
-from operator import itemgetter
 from typing import Any
 
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint, MultiDOFJointTrajectory
 
-from eulerparams_control.laws.rotations import Array, quaternion
 from eulerparams_control.laws.scheme import JointCommand
-from eulerparams_control.messages.to_ros import duration_to_ros, motion_to_ros
-from eulerparams_control.messages.wire import Template
+from eulerparams_control.messages.to_ros import (
+    duration_to_ros,
+    frame_to_ros,
+    motion_to_ros,
+    numbers_to_ros,
+)
+from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.ros.qos import QOS_STREAM
 
 # How far ahead [s] the point of a joint_trajectory is.
 HORIZON = 0.02
-
-
-Numbers = Callable[[JointCommand], Sequence[Array]]
-"""Returns what of a command is written into a message."""
-
-
-def _parts(*places: int) -> Numbers:
-    """Return what takes the parts of a command that have these places in it."""
-    one = itemgetter(slice(places[0], places[0] + 1))
-    return itemgetter(*places) if len(places) > 1 else one  # without a call of Python
-
-
-def _ahead(c: JointCommand) -> list[Array]:
-    q, dq, *_ = c
-    return [] if q is None or dq is None else [q + HORIZON * dq]
-
-
-def _numbers(kind: str, c: JointCommand) -> tuple[list[str], Numbers] | None:
-    """Return the fields of commands like this one in messages of a type; None: it has none."""
-    q, dq, effort, _ = given = [part is not None for part in c]
-    if kind == "joint_trajectory":
-        return (["positions"], _ahead) if q and dq else None
-    if kind == "forward":
-        return (["data"], _parts(2 if effort else 0)) if q or effort else None
-    names = {name: i for i, name in enumerate(("position", "velocity", "effort")) if given[i]}
-    return ([*names], _parts(*names.values())) if names else None
-
-
-_OF_A_FRAME = "p_d", "eps", "eta", "dp_d", "omega_d", "ddp_d", "domega_d"
 
 
 class CommandPublisher:
@@ -70,44 +43,39 @@ class CommandPublisher:
     def __init__(
         self, node: Node, topic: str, kind: str, joints: Sequence[str], qos: QoSProfile
     ) -> None:
-        self._node, self._is_stamped = node, kind == "joint_state"
+        self._node, self._kind = node, kind
         # joint_trajectory_controller refuses a trajectory that ends in the past or with a
         # velocity: its stamp stays 0, which is now, and its point has a position only
-        point = JointTrajectoryPoint(time_from_start=duration_to_ros(HORIZON))
-        self._message = {
+        self._point = JointTrajectoryPoint(time_from_start=duration_to_ros(HORIZON))
+        self._message: Any = {
             "joint_state": JointState(name=list(joints)),
-            "joint_trajectory": JointTrajectory(joint_names=list(joints), points=[point]),
+            "joint_trajectory": JointTrajectory(joint_names=list(joints), points=[self._point]),
             "forward": Float64MultiArray(),
         }[kind]
-        self._owner: Any = point if kind == "joint_trajectory" else self._message
-        self._kind = kind
-        self._lacks: tuple[bool, ...] = ()  # what commands like the last one lack
-        self._way: tuple[Template, Numbers] | None = None  # of such commands into a message
         self._publisher = node.create_publisher(type(self._message), topic, qos)
 
-    def publish(self, stamp: Any, command: JointCommand) -> None:
+    def publish(self, stamp: Time, command: JointCommand) -> None:
         """Publish a command under the stamp of the joint_states that it answers."""
-        q, dq, effort, _ = command
-        lacks = q is None, dq is None, effort is None
-        if lacks != self._lacks:
-            self._lacks, self._way = lacks, self._way_of(command)
-        if self._way is not None:
-            template, numbers = self._way
-            stamp = stamp if self._is_stamped else None
-            self._publisher.publish(template.filled(stamp, numbers(command)))
+        if self._fill(stamp, command):
+            self._publisher.publish(self._message)
 
-    def _way_of(self, command: JointCommand) -> tuple[Template, Numbers] | None:
-        """Return the way of commands like this one into a message; None: they have none."""
-        found = _numbers(self._kind, command)
-        if found is None:
-            return None
-        names, numbers = found
-        for name in ("position", "velocity", "effort") if self._is_stamped else ():
-            setattr(self._owner, name, [])
-        for name, values in zip(names, numbers(command), strict=True):
-            setattr(self._owner, name, values.tolist())
-        kind = type(self._message).__name__
-        return Template(kind, serialize_message(self._message), names), numbers
+    def _fill(self, stamp: Time, command: JointCommand) -> bool:
+        """Write a command into the message; return False if it has nothing for it."""
+        (q, dq, effort, _), msg = command, self._message
+        if self._kind == "joint_trajectory":
+            if q is None or dq is None:
+                return False
+            self._point.positions = numbers_to_ros(q + HORIZON * dq)
+        elif self._kind == "forward":
+            if q is None and effort is None:
+                return False
+            msg.data = numbers_to_ros(q if effort is None else effort)
+        else:
+            if q is None and dq is None and effort is None:
+                return False
+            msg.header.stamp = stamp
+            msg.position, msg.velocity, msg.effort = map(numbers_to_ros, (q, dq, effort))
+        return True
 
     @property
     def topic(self) -> str:
@@ -136,24 +104,20 @@ class ComplianceCommands:
         self, node: Node, base_frame: str, tip_frame: str, efforts: "Commands | None"
     ) -> None:
         self._node, self._efforts = node, efforts
-        self._frames = base_frame, tip_frame
-        self._template: Template | None = None
+        start = Trajectory([0.0], [DesiredFrame(AT_ORIGIN.p, AT_ORIGIN.R)])
+        self._message = motion_to_ros(start, base_frame, tip_frame)
         self._publisher = node.create_publisher(
             MultiDOFJointTrajectory, "compliant_frame", QOS_STREAM
         )
 
-    def publish(self, stamp: Any, command: JointCommand) -> None:
+    def publish(self, stamp: Time, command: JointCommand) -> None:
         """Publish both under the stamp of the joint_states that they answer."""
         if self._efforts is not None:
             self._efforts.publish(stamp, command)
-        if (frame := command.frame) is not None:
-            if self._template is None:
-                motion = Trajectory([0.0], [frame])
-                msg = motion_to_ros(motion, *self._frames)
-                self._template = Template(type(msg).__name__, serialize_message(msg), _OF_A_FRAME)
-            Q = quaternion(frame.R_d)
-            numbers = frame.p_d, Q.eps, Q.eta, *frame[2:]
-            self._publisher.publish(self._template.filled(stamp, numbers))
+        if command.frame is not None:
+            self._message.header.stamp = stamp
+            frame_to_ros(command.frame, self._message.points[0])
+            self._publisher.publish(self._message)
 
     @property
     def topic(self) -> str:
@@ -193,7 +157,7 @@ class ImpedancePublisher[T]:
         self._shown_at = 0  # [s]
         self._shown: T | None = None
 
-    def show(self, stamp: Any, acting: T | None) -> None:
+    def show(self, stamp: Time, acting: T | None) -> None:
         """Publish what acts, the same object while nothing changes, under the stamp of a command.
 
         None: nothing does.
@@ -202,5 +166,4 @@ class ImpedancePublisher[T]:
             return
         if self._publisher.get_subscription_count():
             self._shown, self._shown_at = acting, stamp.sec
-            time = Time(sec=stamp.sec, nanosec=stamp.nanosec)
-            self._publisher.publish(self._to_ros(acting, time))
+            self._publisher.publish(self._to_ros(acting, stamp))

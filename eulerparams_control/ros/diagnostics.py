@@ -2,23 +2,17 @@
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 
 from eulerparams_control.control.clock import steady
-from eulerparams_control.errors import InvalidMessageError, defect, kind_of
+from eulerparams_control.errors import defect, kind_of
 from eulerparams_control.events import Event, tell
 from eulerparams_control.messages.keys import CAUSE, MODE, REMEDY, SINCE, UNHEARD
-from eulerparams_control.messages.wire import Reader
 from eulerparams_control.ros.publishers import unheard
 from eulerparams_control.ros.qos import QOS_LATCHED
-
-RMWError = rclpy_implementation.RMWError
 
 Values = dict[str, str | int | float]
 
@@ -164,19 +158,6 @@ class Health:
         self.values["last rejected"] = f"{topic}: {str(error)[:_LONGEST_REASON]}"
         self.complain(f"{what}: {error}", error=True, about=f"{topic} {kind_of(error)}")
         self.warn(what)
-
-    def reader(
-        self, kind: type[Any], concerns: Callable[[Any], bool] = lambda _: True
-    ) -> Callable[[bytes], Any]:
-        """Return what reads messages of a type; raises InvalidMessageError if they are broken."""
-
-        def plain(data: bytes) -> Any:
-            try:
-                return deserialize_message(data, kind)
-            except RMWError as error:
-                raise InvalidMessageError(f"{len(data)} bytes are no {kind.__name__}") from error
-
-        return Reader(kind.__name__, plain, concerns).read
 
     @property
     def message(self) -> str:

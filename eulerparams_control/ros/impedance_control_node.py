@@ -24,6 +24,7 @@ from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.commands import ComplianceCommands, ImpedancePublisher
 from eulerparams_control.ros.control_node import ControlNode
+from eulerparams_control.ros.message_info import deserialized
 from eulerparams_control.ros.publishers import refuse_two_publishers, unheard
 from eulerparams_control.ros.qos import QOS
 from eulerparams_control.ros.resting_contact import RestingContact, norms
@@ -54,7 +55,6 @@ class ImpedanceControlNode(ControlNode):
         self._impedance = ImpedancePublisher[ComplianceLaw](
             self, lambda law, stamp: impedance_to_ros(law.translation, law.rotation, stamp)
         )
-        self._read_wrench = self._health.reader(WrenchStamped)
         self._wrench = self.listen(WrenchStamped, "wrench", self._on_wrench, QOS, raw=True)
         self.create_service(Trigger, "~/tare", self._on_tare)
         super()._subscribe()
@@ -127,7 +127,7 @@ class ImpedanceControlNode(ControlNode):
         if self._robot is None:
             return
         try:
-            msg = self._read_wrench(data)
+            msg = deserialized(data, WrenchStamped)
         except InvalidMessageError as error:
             self._health.reject("wrench", error)
             return

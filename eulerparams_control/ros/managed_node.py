@@ -62,7 +62,7 @@ class ManagedNode(LifecycleNode):
         self._controller: Controller | None = None
         self._description = self._params.robot_description
         self.time = RosTime(self)
-        self._input = StateInput(self.time, self._health)
+        self._input = StateInput(self.time)
         self._stamp = Time()  # of the last command
         self._autostart = self._params.autostart
         self._ending = Ending(self._is_followed, self._release)

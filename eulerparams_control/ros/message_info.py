@@ -1,8 +1,13 @@
-"""The number of a message among those of its publisher."""
+"""Messages as they come: their number among those of their publisher, and what they say."""
 
 import inspect
 from collections.abc import Callable, Mapping
 from typing import Any
+
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.serialization import deserialize_message
+
+from eulerparams_control.errors import InvalidMessageError
 
 NUMBER = "publication_sequence_number"
 """Key of the info: the publisher counts its messages from 1."""
@@ -27,3 +32,14 @@ def with_info(callback: Callable[[Any, Mapping[str, Any]], None]) -> Callable[..
 
     received.__signature__ = inspect.signature(callback)  # type: ignore[attr-defined]
     return received
+
+
+def deserialized[M](data: bytes, kind: type[M]) -> M:
+    """Return a message of a raw subscription; raises InvalidMessageError if it is broken.
+
+    One that is broken would end a node that subscribes to it otherwise.
+    """
+    try:
+        return deserialize_message(data, kind)
+    except rclpy_implementation.RMWError as error:
+        raise InvalidMessageError(f"{len(data)} bytes are no {kind.__name__}") from error

@@ -23,6 +23,7 @@ from eulerparams_control.parameters.course import Course
 from eulerparams_control.parameters.reference import ReferenceParameters
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros import diagnostics
+from eulerparams_control.ros.message_info import deserialized
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED, overridable
 from eulerparams_control.ros.runtime import run
@@ -102,7 +103,6 @@ class ReferenceNode(Node):
         if self._params.motion == "circle":
             self._params.circle()  # refuses now what the start of the motion would refuse
         self._robot: Robot | None = None
-        self._read_state = self._health.reader(JointState)
         self._latest, self._names = b"", list[bytes]()  # joint_states, and the joints of the arm
         self._sent, self._lasting = 0, 0  # [ns] of the motion
         self._begun: int | None = None  # when [ns] it did, as far as is known
@@ -156,7 +156,7 @@ class ReferenceNode(Node):
             self._latest = serialized  # read when a motion starts from it
             if self._streams and not self._pending:
                 try:
-                    state = self._read_state(serialized)
+                    state = deserialized(serialized, JointState)
                 except InvalidMessageError as error:
                     self._health.reject("joint_states", error)
                     return
@@ -170,7 +170,7 @@ class ReferenceNode(Node):
         if not self._latest:
             return "no valid joint_states yet"
         try:
-            _, q, dq = self._reader.from_ros(self._read_state(self._latest))
+            _, q, dq = self._reader.from_ros(deserialized(self._latest, JointState))
         except InvalidMessageError as error:
             self._health.reject("joint_states", error)
             self._latest = b""
@@ -197,7 +197,7 @@ class ReferenceNode(Node):
         if not (self._params.once and self._latest):
             return
         try:
-            stamp = ns_from_ros(self._read_state(self._latest).header.stamp)
+            stamp = ns_from_ros(deserialized(self._latest, JointState).header.stamp)
         except InvalidMessageError as error:
             self._health.reject("joint_states", error)
             self._latest = b""

@@ -11,10 +11,10 @@ from sensor_msgs.msg import JointState
 from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.messages.from_ros import JointStateReader
-from eulerparams_control.messages.wire import stamp_of
+from eulerparams_control.messages.from_ros import JointStateReader, ns_from_ros
+from eulerparams_control.messages.joint_states import JointStateBytes
 from eulerparams_control.robot.robot import Robot
-from eulerparams_control.ros.diagnostics import Health
+from eulerparams_control.ros.message_info import deserialized
 from eulerparams_control.ros.ros_time import RosTime
 from eulerparams_control.ros.senders import Source
 
@@ -50,7 +50,6 @@ class StateInput:
 
     Args:
         time: of the node: whether it is simulated.
-        health: counts the messages that are deserialised.
 
     Attributes:
         source: who is believed to publish them.
@@ -63,9 +62,10 @@ class StateInput:
         answers: how many states were answered between the last two readings.
     """
 
-    def __init__(self, time: RosTime, health: Health) -> None:
-        self._time, self._read = time, health.reader(JointState, self.concerns)
+    def __init__(self, time: RosTime) -> None:
+        self._time = time
         self._reader: JointStateReader | None = None
+        self._bytes: JointStateBytes | None = None  # like those of the last valid ones
         self.source = Source()
         self.came = self._stood = 0.0  # the latter: since when their stamp is the same
         self.receipt: float | None = None
@@ -77,11 +77,8 @@ class StateInput:
     def expect(self, robot: Robot, needs_velocity: bool) -> None:
         """Read the joints of a robot from now on."""
         self.source.forget()
-        self._reader, self._limits = JointStateReader(robot.joints, needs_velocity), robot.limits
-
-    def concerns(self, msg: Any) -> bool:
-        """Whether a message is one of the arm; others publish their joints on the topic, too."""
-        return self._reader is None or self._reader.concerns(msg)
+        self._reader, self._bytes = JointStateReader(robot.joints, needs_velocity), None
+        self._joints, self._limits = robot.joints, robot.limits
 
     def forget(self) -> None:
         """Forget the last state."""
@@ -100,7 +97,10 @@ class StateInput:
             return None
         if self._moved is not None and 0 <= self.measured[0] - self._moved < _CALM * 1e9:
             return None
-        return self._reader.effort_from_ros(self._read(self._last))
+        try:
+            return self._reader.read(deserialized(self._last, JointState), "effort")
+        except InvalidMessageError:
+            return None  # it has none that can be used
 
     def take(self, data: bytes, number: int) -> Sequence[str]:
         """Take a message at its bytes.
@@ -117,21 +117,22 @@ class StateInput:
         """
         now, last, reader = steady.now(), self.measured, self._reader
         assert reader is not None
-        found = reader.from_bytes(data)
+        found = None if self._bytes is None else self._bytes.read(data)
         if found is None:
-            msg = self._read(data)
-            if not reader.concerns(msg):
+            msg = deserialized(data, JointState)
+            if not reader.concerns(msg):  # others publish their joints on the topic, too
                 return list(msg.name)
         if not self.source.hear(number, now):
             raise InvalidMessageError("another publisher of joint_states is listened to")
-        if found is not None:
-            self.unanswered = stamp_of(data)
-        else:
-            found, self.unanswered = reader.from_ros(msg), msg.header.stamp
-        t, q, dq = self.measured = found
+        if found is None:
+            found = msg.header.stamp, *reader.from_ros(msg)[1:]
+            self._bytes = JointStateBytes(msg, self._joints) if reader.has_velocity else None
+        self.unanswered, q, dq = found
+        t = ns_from_ros(self.unanswered)
+        state = self.measured = t, q, dq
         if last is None or t != last[0]:
             self._stood = now
-        if last is not None and not self.source.is_believed and self._contradict(last, found):
+        if last is not None and not self.source.is_believed and self._contradict(last, state):
             self.source.contradict(now)
         if not self.is_commanded and max(map(abs, dq.tolist())) > MOVES:
             self._moved = t

@@ -17,8 +17,7 @@ from eulerparams_control.control.watch import Watch, WatchMode
 from eulerparams_control.errors import EulerParamsError, InvalidMessageError, listed
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand
-from eulerparams_control.messages.from_ros import CommandReader, JointStateReader
-from eulerparams_control.parameters.schemes import TORQUE
+from eulerparams_control.messages.from_ros import LARGEST_COMMAND, JointReader, JointStateReader
 from eulerparams_control.parameters.watchdog import WatchdogParameters
 from eulerparams_control.ros import diagnostics
 from eulerparams_control.ros.commands import CommandPublisher
@@ -76,7 +75,8 @@ class WatchdogNode(Node):
 
     def _set_robot(self, urdf: str) -> None:
         robot, kind = self._params.robot(urdf), self._params.command_type
-        self._readers = CommandReader(robot.joints, TORQUE), JointStateReader(robot.joints, True)
+        self._commands = JointReader(robot.joints, "joint_effort", LARGEST_COMMAND)
+        self._reader = JointStateReader(robot.joints, needs_velocity=True)
         self._driver = CommandPublisher(self, "driver_effort", kind, robot.joints, QOS_STREAM)
         self._watch, self._stamp = Watch(robot, self._params), Time()
         self._efforts, self._states = (
@@ -92,7 +92,7 @@ class WatchdogNode(Node):
         assert self._watch is not None
         try:
             refuse_two_publishers(self, self._efforts)
-            tau = self._readers[0].effort_from_ros(msg)
+            tau = self._commands.read(msg, "effort")
         except InvalidMessageError as error:
             self._health.reject("joint_effort", error)
             return
@@ -101,11 +101,11 @@ class WatchdogNode(Node):
 
     def _on_state(self, msg: JointState, info: Mapping[str, Any]) -> None:
         assert self._watch is not None
-        if not self._readers[1].concerns(msg):  # a gripper's, say
+        if not self._reader.concerns(msg):  # a gripper's, say
             return
         try:
             self._believe(info[NUMBER])
-            _, q, dq = self._readers[1].from_ros(msg)
+            _, q, dq = self._reader.from_ros(msg)
         except InvalidMessageError as error:
             self._health.reject("joint_states", error)
             return
