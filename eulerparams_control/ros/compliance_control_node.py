@@ -46,7 +46,7 @@ class ComplianceControlNode(ControlNode):
 
     def observe(self, t: int, q: Array, dq: Array) -> None:
         """Let the tool exert what counts for the state."""
-        if self._controller is not None and self._pressing.force is not None:
+        if self._controller is not None:
             self._pressing.exert(self._controller, t, self._params.target_timeout)
 
     def review(self, controller: Controller, stamp: Any) -> None:

@@ -41,10 +41,6 @@ AT_ITS_END = Why(
 )
 
 
-Pressing = ImpedanceControl | ComplianceControl
-"""The schemes that exert a force."""
-
-
 class TargetWrench:
     """Takes set-points, and lets them be exerted for as long as they count.
 
@@ -91,7 +87,7 @@ class TargetWrench:
         self.force, self._t, self._breaks = force, state[0], breaks
 
     def exert(self, controller: Controller, t: int, timeout: float) -> None:
-        """Let the tool exert what counts for the state stamped t [ns]; else end that.
+        """Let the tool exert what counts for the state stamped t [ns], if anything; else end that.
 
         Args:
             controller: of the arm; while it stops the arm it goes on, or ends it.
@@ -99,8 +95,9 @@ class TargetWrench:
             timeout: [s] for which a set-point counts.
         """
         scheme = controller.scheme
-        assert isinstance(scheme, Pressing)
-        assert self.force is not None  # who calls has looked
+        if self.force is None:
+            return
+        assert isinstance(scheme, ImpedanceControl | ComplianceControl)
         age = (t - self._t) / 1e9 if self._states.receipt is None else steady.now() - self._came
         may_press = controller.mode in _MAY_PRESS
         if may_press and age <= timeout and self._breaks == _breaks(controller):
