@@ -164,7 +164,7 @@ class Request:
             package=PACKAGE,
             executable=name,
             namespace=self.given["namespace"],
-            parameters=[str(file), *self.clock, *arm_launch.launch_parameters(values)],
+            parameters=[str(file), *self.clock, *arm_launch.parameter_files(values)],
             remappings=(self.topics | (renamed or {})).items(),
             output="screen",
         )

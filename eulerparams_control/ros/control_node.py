@@ -136,10 +136,10 @@ class ControlNode(ManagedNode):
         self._description = msg.data
         self._try_start()
 
-    def _on_joint_states(self, message: tuple[bytes, Mapping[str, Any]]) -> None:
+    def _on_joint_states(self, data: bytes, info: Mapping[str, Any]) -> None:
         if self._robot is None:
             return
-        (data, info), was_answered = message, self._input.unanswered is None
+        was_answered = self._input.unanswered is None
         try:
             if strangers := self._input.take(data, info[NUMBER]):
                 self._say_strange(strangers)

@@ -56,7 +56,8 @@ def run(
     Args:
         make_node: makes the node.  ``done`` of it ends the loop; ``error``, if it has one, is why.
             ``at_rest()``, if it has one, brings what moves to rest, and is called until it
-            returns true; ``close()`` sends the last safe command and finishes files.
+            returns true; ``close()``, if it has one, sends the last safe command and finishes
+            files.
         args: of the command line; None is those of the process.
         tells: whether its events go to stdout; not where that is for people.
         about: the class of the node; None: ``make_node`` is that.
@@ -67,16 +68,15 @@ def run(
         return ExitCode.OK
     if tells:
         begin()
-    code, text = _run(make_node, args)
+    code, text = _run(make_node, own)
     if text:
         print(f"error: {text}", file=sys.stderr, flush=True)
     tell(Event.ENDED, exit_code=code, text=text)
     return code
 
 
-def _run(make_node: Callable[[], Node], args: list[str] | None) -> tuple[ExitCode, str]:
+def _run(make_node: Callable[[], Node], own: list[str]) -> tuple[ExitCode, str]:
     """Run the node; return the exit code, and what was wrong."""
-    own = sys.argv[1:] if args is None else args
     loose = takewhile(lambda arg: arg != "--ros-args", own)
     if misplaced := next((arg for arg in loose if ":=" in arg), ""):
         return ExitCode.ERROR, (
@@ -84,7 +84,7 @@ def _run(make_node: Callable[[], Node], args: list[str] | None) -> tuple[ExitCod
             "--ros-args -p NAME:=VALUE, another name of a topic as --ros-args -r FROM:=TO"
         )
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=own, signal_handler_options=SignalHandlerOptions.NO)
     except (RCLError, UnknownROSArgsError) as error:  # a parameter file that is not there, say
         if xml := next((arg for arg in own if arg.partition(":=")[2].lstrip().startswith("<")), ""):
             return ExitCode.ERROR, _XML_AS_PARAMETER.format(name=xml.partition(":=")[0])
@@ -92,7 +92,7 @@ def _run(make_node: Callable[[], Node], args: list[str] | None) -> tuple[ExitCod
         return ExitCode.ERROR, (
             f"{text}; in the folder {Path.cwd()}; a parameter is given as -p NAME:=VALUE"
         )
-    if unknown := remove_ros_args(args)[1 if args is None else 0 :]:
+    if unknown := remove_ros_args(own):
         return ExitCode.ERROR, (
             f"unknown argument '{unknown[0]}'; parameters are given as --ros-args -p NAME:=VALUE "
             "or --ros-args --params-file FILE, see config/ and the README"
@@ -145,7 +145,6 @@ def _bring_to_rest(node: Node, spin_once: Callable[[], None]) -> None:
 
 def _end(node: Node | None) -> None:
     try:
-        if node is not None:
-            node.close()
+        getattr(node, "close", lambda: None)()
     finally:
         rclpy.try_shutdown()

@@ -55,12 +55,8 @@ class WatchdogNode(Node):
         if p.robot_description:
             self._set_robot(p.robot_description)
         else:
-            self.create_subscription(
-                String,
-                "robot_description",
-                self._on_urdf,
-                **overridable(QOS_LATCHED),
-            )
+            take, latched = self._on_urdf, overridable(QOS_LATCHED)
+            self.create_subscription(String, "robot_description", take, **latched)
             text = "waiting for a robot description"
             self._health.set(diagnostics.OK, text, mode=WatchMode.WAITING)
         self.create_service(Trigger, "~/resume", self._on_resume)
@@ -76,15 +72,16 @@ class WatchdogNode(Node):
 
     def _set_robot(self, urdf: str) -> None:
         robot, kind = self._params.robot(urdf), self._params.command_type
-        self._readers = CommandReader(robot.joints, TORQUE), JointStateReader(robot.joints, True)
+        self._read_effort = CommandReader(robot.joints, TORQUE).effort_from_ros
+        self._state_reader = JointStateReader(robot.joints, needs_velocity=True)
         self._driver = CommandPublisher(self, "driver_effort", kind, robot.joints, QOS_STREAM)
         self._watch, self._stamp = Watch(robot, self._params), Time()
-        self._efforts, self._states = (
-            self.create_subscription(JointState, topic, take, **overridable(QOS))
-            for topic, take in (
-                ("joint_effort", self._on_effort),
-                ("joint_states", with_info(self._on_state)),
-            )
+        take_effort, take_state = self._on_effort, with_info(self._on_state)
+        self._efforts = self.create_subscription(
+            JointState, "joint_effort", take_effort, **overridable(QOS)
+        )
+        self._states = self.create_subscription(
+            JointState, "joint_states", take_state, **overridable(QOS)
         )
         self._send(None)
 
@@ -92,7 +89,7 @@ class WatchdogNode(Node):
         assert self._watch is not None
         try:
             refuse_two_publishers(self, self._efforts)
-            tau = self._readers[0].effort_from_ros(msg)
+            tau = self._read_effort(msg)
         except InvalidMessageError as error:
             self._health.reject("joint_effort", error)
             return
@@ -101,11 +98,11 @@ class WatchdogNode(Node):
 
     def _on_state(self, msg: JointState, info: Mapping[str, Any]) -> None:
         assert self._watch is not None
-        if not self._readers[1].concerns(msg):  # a gripper's, say
+        if not self._state_reader.concerns(msg):  # a gripper's, say
             return
         try:
             self._believe(info[NUMBER])
-            _, q, dq = self._readers[1].from_ros(msg)
+            _, q, dq = self._state_reader.from_ros(msg)
         except InvalidMessageError as error:
             self._health.reject("joint_states", error)
             return
@@ -173,10 +170,8 @@ class WatchdogNode(Node):
 
     def at_rest(self) -> bool:
         """Brake the arm before the end; return whether it is at rest, or nothing acts."""
+        # what is sent last is gravity compensation: it may stay
         return self._watch is None or self._watch.brake()
-
-    def close(self) -> None:
-        """What was sent last is gravity compensation: it may stay."""
 
 
 def main(args: list[str] | None = None) -> int:
