@@ -6,7 +6,6 @@
 import dataclasses
 import re
 from collections.abc import Collection, Mapping
-from functools import cache
 from importlib import import_module
 from pathlib import Path
 from tempfile import NamedTemporaryFile
@@ -33,6 +32,15 @@ ARGUMENTS = (
     *("position_controller", "effort_controller", "watchdog"),
 )
 """Arguments of bringup that an arm fills where they are empty."""
+
+_EXAMPLES = {
+    "topics": "{wrench: /sensor/wrench}",
+    "parameters": "{watchdog: {timeout: 0.1}}",
+}
+_TOPICS = (  # between nodes, besides those of the schemes
+    *("driver_effort", "external_wrench", "robot_description"),
+    *("target_pose", "target_stiffness", "target_twist", "target_wrench"),
+)
 _KEYS = ("description", "controllers", *ARGUMENTS, "topics", "parameters")
 
 type Parameters = dict[str, dict[str, Any]]
@@ -115,18 +123,9 @@ def _argument(name: str, value: Any) -> str:
     return value
 
 
-def read_argument(name: str, text: str, example: str) -> dict[str, Any]:
-    """Return the mapping that an argument of a launch file is in YAML.
-
-    Args:
-        name: of the argument.
-        text: that is given.
-        example: of one, for the refusal.
-
-    Raises:
-        ConfigurationError: if it is no mapping.
-    """
-    expected = f"expected a mapping in YAML, {name}:='{example}'"
+def read_argument(name: str, text: str) -> dict[str, Any]:
+    """Return the mapping that an argument is in YAML; raises ConfigurationError if it is none."""
+    expected = f"expected a mapping in YAML, {name}:='{_EXAMPLES[name]}'"
     try:
         content = load_yaml(text)
     except ConfigurationError as error:
@@ -145,24 +144,15 @@ def _read_file(path: Path) -> dict[str, Any]:
 
 def topics_of(given: Any) -> dict[str, str]:
     """Return other names of topics, checked; raises ConfigurationError."""
-    known = _topics()
-    topics = _mapping("topics", given)
+    topics, known = _mapping("topics", given), {*_TOPICS}
+    for scheme in schemes().values():
+        known |= {*scheme.topics, *scheme.outputs}
     for name, other in topics.items():
         if not name.startswith(("/", "~")) and name not in known:
             raise UnknownNameError("topic", name, known)
         if not (isinstance(other, str) and other.strip()):
             raise ConfigurationError(f"topic '{name}' is {other!r}; expected the name of a topic")
     return topics
-
-
-@cache
-def _topics() -> frozenset[str]:
-    """Return the names of the topics between nodes."""
-    found = {"driver_effort", "external_wrench", "robot_description", "target_pose"}
-    found |= {"target_stiffness", "target_twist", "target_wrench"}
-    for scheme in schemes().values():
-        found |= {*scheme.topics, *scheme.outputs}
-    return frozenset(found)
 
 
 def parameters_of(given: Any) -> Parameters:

@@ -104,7 +104,7 @@ class ControlNode(ManagedNode):
     def _activated(self) -> None:
         assert self._controller is not None
         # only now: who publishes a reference can see by it that somebody follows
-        self._leaders.begin(self._controller, self._params, self._lead)
+        self._leaders.begin(self._controller, self._lead)
         self._is_heard = False
         self._report.activated()
         self._say()

@@ -7,7 +7,8 @@ source gives the same parameter as a number: that would count.
 
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import Field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from typing import Any
 import yaml
 
 from eulerparams_control.errors import ConfigurationError, did_you_mean
+from eulerparams_control.parameters.fields import checked
 
 _PARAMETERS = "ros__parameters"
 
@@ -46,54 +48,44 @@ def named_sections(content: Any, above: str = "") -> Iterator[tuple[str, Any]]:
             yield from named_sections(value, name)
 
 
-def refuse_misspelt_sections(name: str, arguments: Sequence[str] | None = None) -> None:
-    """Check the parameter files of a command line for the node ``name``.
+def refuse_misread(
+    name: str, fields: Mapping[str, Field[Any]], arguments: Sequence[str] | None = None
+) -> None:
+    """Check what a command line gives the node ``name``.
 
     A file may be for other nodes only, but not for one whose name is nearly that of this one.
 
     Args:
         name: of the node, without its namespace.
+        fields: its parameters.
         arguments: of the command line; None is that of the process.
 
     Raises:
-        ConfigurationError: if no section of a file is for the node, but one is probably meant so.
+        ConfigurationError: if no section of a file is for the node, but one is probably meant so;
+            if a word is given for what is no text.
     """
-    for path in _values(("--params-file",), arguments):
-        sections = [section for section, _ in named_sections(_loaded(Path(path)))]
-        if any(_is_for(name, section) for section in sections):
-            continue
-        for section in sections:
-            if did_you_mean(section.rpartition("/")[2], [name]):
-                raise ConfigurationError(
-                    f"{path} has parameters for the node '{section}'; did you mean '{name}'? "
-                    f"It has none for '{name}'"
-                )
-
-
-def given_words(name: str, arguments: Sequence[str] | None = None) -> Iterator[tuple[str, str]]:
-    """Yield names and values of the parameters of the node ``name`` that are given as words."""
     given = []
-    for rule in _values(("-p", "--param"), arguments):
-        key, _, text = rule.partition(":=")
-        node, _, key = key.rpartition(":")
-        if node in ("", name):
-            given.append({key: _loaded(text)})
-    for path in _values(("--params-file",), arguments):
-        sections = named_sections(_loaded(Path(path)))
-        given += [values for section, values in sections if _is_for(name, section)]
+    for flag, argument in pairwise(sys.argv if arguments is None else arguments):
+        if flag in ("-p", "--param"):
+            key, _, text = argument.partition(":=")
+            node, _, key = key.rpartition(":")
+            if node in ("", name):
+                given.append({key: _loaded(text)})
+        elif flag == "--params-file":
+            sections = list(named_sections(_loaded(Path(argument))))
+            own = [values for section, values in sections if _is_for(name, section)]
+            for section, _ in [] if own else sections:
+                if did_you_mean(section.rpartition("/")[2], [name]):
+                    raise ConfigurationError(
+                        f"{argument} has parameters for the node '{section}'; did you mean "
+                        f"'{name}'? It has none for '{name}'"
+                    )
+            given += own
     for values in given:
-        for key, word in values.items() if isinstance(values, dict) else ():
-            if isinstance(word, str):
-                yield str(key), word
-
-
-def _values(flags: Sequence[str], arguments: Sequence[str] | None) -> list[str]:
-    """Return what follows on flags."""
-    return [
-        value
-        for flag, value in pairwise(sys.argv if arguments is None else arguments)
-        if flag in flags
-    ]
+        for key, value in values.items() if isinstance(values, dict) else ():
+            is_text = key not in fields or isinstance(fields[key].default, str)
+            if isinstance(value, str) and not is_text:
+                checked(fields[key], value)
 
 
 def _is_for(name: str, section: str) -> bool:

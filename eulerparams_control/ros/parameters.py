@@ -22,7 +22,7 @@ from eulerparams_control.parameters.fields import (
     item_type,
     refuse_unknown,
 )
-from eulerparams_control.ros.parameter_files import given_words, refuse_misspelt_sections
+from eulerparams_control.ros.parameter_files import refuse_misread
 
 _LISTS = {
     float: Parameter.Type.DOUBLE_ARRAY,
@@ -53,21 +53,13 @@ def declare[P](
         ConfigurationError: if a value has the wrong type, size, or is out of bounds; if a
             parameter file is probably meant for the node, but names another.
     """
-    refuse_misspelt_sections(node.get_name())
-    refuse_unknown(parameters, node._parameter_overrides, prefixes)
     fields = fields_of(parameters)
-    refuse_words(node.get_name(), fields)
+    refuse_misread(node.get_name(), fields)
+    refuse_unknown(parameters, node._parameter_overrides, prefixes)
     is_fixed = on_change is None
     filled = parameters(**{n: _declare(node, field, is_fixed) for n, field in fields.items()})
     _watch(node, filled, on_change)
     return filled
-
-
-def refuse_words(name: str, fields: dict[str, Any], arguments: list[str] | None = None) -> None:
-    """Raise ConfigurationError where a word is given for what is no text."""
-    for key, word in given_words(name, arguments):
-        if key in fields and not isinstance(fields[key].default, str):
-            checked(fields[key], word)
 
 
 def _declare(node: Node, field: dataclasses.Field[Any], is_fixed: bool) -> Any:
