@@ -214,7 +214,7 @@ class Running:
         if error is not None:
             self.stderr += f"error: {error}\n"
         self.exit_code = error.exit_code if error is not None else 0
-        self.world.act(node.close)
+        self.world.act(getattr(node, "close", lambda: None))
         if hasattr(node, "finish") and self.exit_code == 0:
             with redirect_stdout(out), redirect_stderr(err):
                 self.exit_code = node.finish()

@@ -220,21 +220,21 @@ class ImpedanceControlNode(ControlNode):
 
     def review(self, controller: Controller, stamp: Any) -> None:
         """Publish the impedance; say what is wrong with the wrench, or with the contact."""
-        why, scheme = self._sensor.trouble, controller.scheme
+        trouble, scheme = self._sensor.trouble, controller.scheme
         assert isinstance(scheme, ImpedanceControl)
         if stamp is not None:
             self._impedance.show(stamp, scheme.compliant.law_now)
-        if not why.note and scheme.damping > 1.0:
+        if trouble.note:
+            why = trouble._replace(note=f"{trouble.note}: the compliant frame is frozen")
+        elif scheme.damping > 1.0:
             why = calmed(scheme.damping)
-        elif not why.note and scheme.compliant.waits:
+        elif scheme.compliant.waits:
             why = STIFFNESS_WAITS
-        elif not why.note and scheme.is_at_its_end:
-            why = AT_ITS_END
+        else:
+            why = AT_ITS_END if scheme.is_at_its_end else Why()
         if why != self._note_on_wrench:
             self._note_on_wrench = why
-            is_frozen = why is self._sensor.trouble and why.note
-            frozen = f"{why.note}: the compliant frame is frozen"
-            self.note(why._replace(note=frozen) if is_frozen else why)
+            self.note(why)
 
     def doubt(self) -> Why:
         """Return why it is not known whose messages come; Why() if it is, or will be soon."""

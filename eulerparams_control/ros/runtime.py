@@ -54,10 +54,9 @@ def run(
     process with one line on stderr and their exit code.
 
     Args:
-        make_node: makes the node.  ``done`` of it ends the loop; ``error``, if it has one, is why.
-            ``at_rest()``, if it has one, brings what moves to rest, and is called until it
-            returns true; ``close()``, if it has one, sends the last safe command and finishes
-            files.
+        make_node: makes the node, which may have these: ``done`` ends the loop; ``error`` is why;
+            ``at_rest()`` brings what moves to rest, and is called until it returns true;
+            ``close()`` sends the last safe command and finishes files.
         args: of the command line; None is those of the process.
         tells: whether its events go to stdout; not where that is for people.
         about: the class of the node; None: ``make_node`` is that.
@@ -106,15 +105,17 @@ def _run(make_node: Callable[[], Node], own: list[str]) -> tuple[ExitCode, str]:
         node = make_node()
         _spin(node, stopped)
     except Exception as error:
-        how = _told(error)
+        how = _failure(error)
     try:
-        _end(node)
+        getattr(node, "close", lambda: None)()
     except Exception as error:
-        how = how if how[1] else _told(error)  # the first error is the cause
+        how = how if how[1] else _failure(error)  # the first error is the cause
+    finally:
+        rclpy.try_shutdown()
     return how
 
 
-def _told(error: Exception) -> tuple[ExitCode, str]:
+def _failure(error: Exception) -> tuple[ExitCode, str]:
     """Return the exit code after an error, and what to say of it in one line."""
     if isinstance(error, EulerParamsError):
         return error.exit_code, str(error)
@@ -127,24 +128,13 @@ def _spin(node: Node, stopped: list[int]) -> None:
     gc.collect()
     gc.freeze()  # a full collection of the start-up objects would cost milliseconds
     try:
-        while not stopped and not node.done:
+        while not stopped and not getattr(node, "done", False):
             executor.spin_once(timeout_sec=_POLL_SECONDS)
         if error := getattr(node, "error", None):
             raise error
-    finally:
-        _bring_to_rest(node, lambda: executor.spin_once(timeout_sec=_POLL_SECONDS))
-
-
-def _bring_to_rest(node: Node, spin_once: Callable[[], None]) -> None:
-    """Let what moves come to rest, also after an error."""
-    deadline = time.monotonic() + _STOP_SECONDS
-    while hasattr(node, "at_rest") and not node.at_rest() and time.monotonic() < deadline:
-        with suppress(Exception):  # it is said already why the node ends
-            spin_once()
-
-
-def _end(node: Node | None) -> None:
-    try:
-        getattr(node, "close", lambda: None)()
-    finally:
-        rclpy.try_shutdown()
+    finally:  # what moves comes to rest, also after an error
+        deadline = time.monotonic() + _STOP_SECONDS
+        at_rest = getattr(node, "at_rest", lambda: True)
+        while not at_rest() and time.monotonic() < deadline:
+            with suppress(Exception):  # it is said already why the node ends
+                executor.spin_once(timeout_sec=_POLL_SECONDS)

@@ -68,7 +68,6 @@ class TeleopNode(Node):
 
     def __init__(self) -> None:
         super().__init__("teleop")
-        self.done = False
         self._health = diagnostics.Health(self)
         p = self._params = declare(self, self.parameters_type)
         self._wish, self._until, self._moves = np.zeros(6), 0.0, False  # from -1 to 1; until [s]

@@ -46,7 +46,6 @@ class WatchdogNode(Node):
 
     def __init__(self) -> None:
         super().__init__("watchdog")
-        self.done = False
         self._health = diagnostics.Health(self)
         p = self._params = declare(self, self.parameters_type)
         self._watch: Watch | None = None
