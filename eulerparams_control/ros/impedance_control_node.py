@@ -52,8 +52,7 @@ class ImpedanceControlNode(ControlNode):
         super().__init__()
 
     def _subscribe(self) -> None:
-        p = self._params
-        self._sensor = WrenchInput(self.time, p.wrench_pairing, p.wrench_timeout, p.max_latency)
+        self._sensor = WrenchInput(self.time, self._params)
         self._placements: dict[str, Placement] = {}
         self._pressing = TargetWrench(self._input)
         self._impedance = ImpedancePublisher[ComplianceLaw](

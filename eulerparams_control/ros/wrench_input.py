@@ -15,6 +15,7 @@ from eulerparams_control.laws.wrench import SensedWrench, StuckSensor
 from eulerparams_control.messages.from_ros import ns_from_ros, wrench_from_ros
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.common import LATEST
+from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.ros.ros_time import RosTime
 
 STUCK = Why(
@@ -51,22 +52,17 @@ class WrenchInput:
     In simulated time ages are those of the stamps, else they go by the time of receipt.  With
     pairing by the stamp a state waits for its wrench; for half the timeout in real time.
 
-    Args:
-        time: of the node: whether it is simulated.
-        pairing: "latest" or "stamp".
-        timeout: [s] after which a wrench is too old.
-        max_latency: [s] by which one may come later than the best one did, in real time.
-
     Attributes:
         fresh: the wrench chosen last; None while there is none to be believed.
         trouble: why there is none; Why() if there is.
         repeats: whether the last message said the same as the one before, stamp included.
     """
 
-    def __init__(self, time: RosTime, pairing: str, timeout: float, max_latency: float) -> None:
-        self._time, self._pairing, self._timeout = time, pairing, timeout
-        self._within = max(_WITHIN, _TIMEOUTS * timeout)
-        self._latency = Latency(max_latency)
+    def __init__(self, time: RosTime, parameters: ImpedanceParameters) -> None:
+        self._time, self._timeout = time, parameters.wrench_timeout
+        self._is_paired = parameters.wrench_pairing != LATEST
+        self._within = max(_WITHIN, _TIMEOUTS * self._timeout)
+        self._latency = Latency(parameters.max_latency)
         self.forget()
 
     def forget(self) -> None:
@@ -160,7 +156,7 @@ class WrenchInput:
 
     def _lacks(self, t: int) -> bool:
         """Whether the wrench of the state stamped t [ns] has not come, and counts."""
-        return self._pairing != LATEST and t not in (self._stamp, self._refused)
+        return self._is_paired and t not in (self._stamp, self._refused)
 
     def _waited(self) -> bool:
         return steady.now() - self._paired > self._timeout / 2
