@@ -24,8 +24,9 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.subscription import Subscription
-from ros_processes import MODULES, Controlled, Peer, ros_arguments
+from ros_processes import Controlled, Peer, ros_arguments
 
+from eulerparams_control.command_line import executables
 from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import EulerParamsError
 from eulerparams_control.lab.run.domains import Domain
@@ -65,7 +66,7 @@ def take(subscription: Subscription) -> tuple[Any, Any]:
 
 
 def module_of(executable: str) -> Any:
-    return importlib.import_module(MODULES[executable])
+    return importlib.import_module(executables()[executable])
 
 
 def class_of(executable: str) -> type[Node]:

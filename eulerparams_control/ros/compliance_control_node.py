@@ -1,6 +1,5 @@
 """The node ``compliance_control``: an impedance by efforts, without a sensor of the contact."""
 
-import sys
 from typing import Any
 
 import numpy as np
@@ -83,7 +82,3 @@ def _springs_to_ros(springs: Springs, stamp: Time) -> JointState:
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
     return run(ComplianceControlNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,7 +1,6 @@
 """The node ``impedance_control``: section V; publishes ``joint_effort`` and ``compliant_frame``."""
 
 import math
-import sys
 from dataclasses import replace
 from typing import Any
 
@@ -349,7 +348,3 @@ def _text(values: Array) -> str:
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
     return run(ImpedanceControlNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

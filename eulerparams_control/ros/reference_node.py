@@ -1,6 +1,5 @@
 """The node ``reference``: a desired motion, force and stiffness from parameters."""
 
-import sys
 from typing import Any
 
 from geometry_msgs.msg import Wrench, WrenchStamped
@@ -237,7 +236,3 @@ class ReferenceNode(Node):
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
     return run(ReferenceNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -152,7 +152,3 @@ def _read(msg: Joy, p: TeleopParameters) -> tuple[Array, bool]:
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
     return run(TeleopNode, args, tells=False)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,5 @@
 """The node ``watchdog``: ``joint_effort`` to a driver without a timeout, or what brakes the arm."""
 
-import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -176,7 +175,3 @@ class WatchdogNode(Node):
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
     return run(WatchdogNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
