@@ -34,8 +34,8 @@ from eulerparams_control.ros.target_wrench import AT_ITS_END, TargetWrench
 from eulerparams_control.ros.targets import Topics
 from eulerparams_control.ros.wrench_input import WrenchInput
 
-type Stiffnesses = dict[str, tuple[float, ...]]
-"""Diagonals by the names of their parameters, K_p and K_o."""
+type Diagonals = dict[str, tuple[float, ...]]
+"""Those of K_p and K_o, by the names of the parameters."""
 
 
 class ImpedanceControlNode(ControlNode):
@@ -46,7 +46,7 @@ class ImpedanceControlNode(ControlNode):
 
     def __init__(self) -> None:
         self._note_on_wrench, self._set_backs = Why(), 0
-        self._stiffness: Stiffnesses = {}  # that target_stiffness asked for, until K_p, K_o change
+        self._stiffness: Diagonals = {}  # that target_stiffness asked for, until K_p, K_o change
         self._contact: RestingContact | None = None  # until the robot is known
         super().__init__()
 
@@ -318,7 +318,7 @@ class ImpedanceControlNode(ControlNode):
         }
 
 
-def _stiffness_from_ros(msg: WrenchStamped, frame_id: str) -> Stiffnesses:
+def _stiffness_from_ros(msg: WrenchStamped, frame_id: str) -> Diagonals:
     """Return the diagonals of K_p [N/m] and K_o [Nm/rad] that a message asks for.
 
     Args:
