@@ -14,7 +14,15 @@ from eulerparams_control.parameters.schemes import TORQUE, schemes
 from eulerparams_control.resources import PACKAGE, config_folder
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.ros import arm_launch
-from eulerparams_control.ros.arm_launch import BRIDGE, RECORDER, WATCHDOG, RealArm, load_arm, merged
+from eulerparams_control.ros.arm_launch import (
+    BRIDGE,
+    RECORDER,
+    WATCHDOG,
+    RealArm,
+    load_arm,
+    merged,
+    read_argument,
+)
 
 RSP = "robot_state_publisher"
 VIEWS = config_folder() / "views"
@@ -135,17 +143,14 @@ class Request:
         self.is_guarded = self.takes_efforts and is_behind
         self.position_type, _ = taken(given["position_controller"], "joint_reference")
         self.effort_type, _ = taken(given["effort_controller"], "driver_effort")
-        topics = self._mapping("topics", "{wrench: /sensor/wrench}")
+        topics = read_argument("topics", given["topics"])
         self.topics = command_topics(given) | {**arm.topics} | asked | arm_launch.topics_of(topics)
-        parameters = self._mapping("parameters", "{watchdog: {timeout: 0.1}}")
+        parameters = read_argument("parameters", given["parameters"])
         layers = [arm.parameters, arm_launch.parameters_of(parameters)]
         if file := given["params_file"]:
             namespace = given["namespace"]
             layers.append(arm_launch.parameters_of_file(file, namespace, self.controllers))
         self.parameters = merged(*layers)
-
-    def _mapping(self, name: str, example: str) -> dict[str, Any]:
-        return arm_launch.read_argument(name, self.given[name], example)
 
     def asks(self, name: str) -> bool:
         """Whether an argument is "true"."""
@@ -164,7 +169,7 @@ class Request:
             package=PACKAGE,
             executable=name,
             namespace=self.given["namespace"],
-            parameters=[str(file), *self.clock, *arm_launch.launch_parameters(values)],
+            parameters=[str(file), *self.clock, *arm_launch.parameter_files(values)],
             remappings=(self.topics | (renamed or {})).items(),
             output="screen",
         )

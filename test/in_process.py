@@ -24,8 +24,9 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.subscription import Subscription
-from ros_processes import MODULES, Controlled, Peer, ros_arguments
+from ros_processes import Controlled, Peer, ros_arguments
 
+from eulerparams_control.command_line import executables
 from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import EulerParamsError
 from eulerparams_control.lab.run.domains import Domain
@@ -65,7 +66,7 @@ def take(subscription: Subscription) -> tuple[Any, Any]:
 
 
 def module_of(executable: str) -> Any:
-    return importlib.import_module(MODULES[executable])
+    return importlib.import_module(executables()[executable])
 
 
 def class_of(executable: str) -> type[Node]:
@@ -214,7 +215,7 @@ class Running:
         if error is not None:
             self.stderr += f"error: {error}\n"
         self.exit_code = error.exit_code if error is not None else 0
-        self.world.act(node.close)
+        self.world.act(getattr(node, "close", lambda: None))
         if hasattr(node, "finish") and self.exit_code == 0:
             with redirect_stdout(out), redirect_stderr(err):
                 self.exit_code = node.finish()

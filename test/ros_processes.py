@@ -55,7 +55,7 @@ STANDSTILL = 1e-9
 # experiments nor the other tests use them.
 DOMAINS = range(219, 233)
 
-MODULES = executables() | {
+PROGRAMS = {name: f"eulerparams_control.command_line {name}" for name in executables()} | {
     # a controller with a defect in a timer, that shows when it moves
     "clik broken in timer": "broken_node clik",
     "dynamic_control broken in timer": "broken_node dynamic_control",
@@ -239,7 +239,7 @@ class Graph:
         remap: Sequence[str] = (),
     ) -> Process:
         """Start a node; ``files`` of parameters come before ``parameters``."""
-        module, *words = MODULES[executable].split()
+        module, *words = PROGRAMS[executable].split()
         name = f"{executable.replace(' ', '_')}_{len(self.processes)}"
         rules = [f"__ns:={namespace}", *remap] if namespace else remap
         arguments = ros_arguments(self.folder / "parameters", parameters, files, rules)

@@ -434,10 +434,6 @@ def test_a_tare_is_refused_for_too_few_wrenches_and_for_a_contact_that_is_presse
 
 
 # --- the tool and the bias of the sensor -----------------------------------------------------
-
-MASS, COM = 0.45, np.array([0.02, -0.01, 0.06])
-
-
 def test_in_a_namespace_with_other_topics_a_sensor_of_the_other_sign_and_a_known_tool(world):
     """The arm is the left one; its URDF knows the tool, whose weight the sensor feels."""
     mass, com = 0.3, np.array([0.0, 0.03, 0.05])

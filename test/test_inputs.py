@@ -40,6 +40,7 @@ from eulerparams_control.laws.rotations import angle_between
 from eulerparams_control.messages.from_ros import JointStateReader
 from eulerparams_control.messages.to_ros import pose_to_ros, stamp_to_ros
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame
+from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.qos import QOS_LATCHED
 from eulerparams_control.ros.ros_time import RosTime
@@ -324,7 +325,7 @@ class Sensed:
     """A sensor and its input, by an injected clock; ``offset`` [s] is that of its own clock."""
 
     def __init__(self, offset: float = 0.0) -> None:
-        self.input = WrenchInput(RealTime(), "latest", 0.1, 0.03)
+        self.input = WrenchInput(RealTime(), ImpedanceParameters())
         self.now, self.offset, self.count = 50.0, offset, 0
 
     def send(self, delay: float = 0.0, *, step: float = 0.002, stamp: float | None = None) -> bool:

@@ -38,11 +38,6 @@ TAKES = {
     "franka": (*EFFORTS, "push_test"),
     **dict.fromkeys(("iiwa", "gen3"), (*POSITIONS, "push_test")),
 }
-TAKES_IN_YAML = {
-    **dict.fromkeys(("ur", "any"), ("clik", "admittance", *EFFORTS, "push_test")),
-    "franka": (*EFFORTS, "push_test"),
-    **dict.fromkeys(("iiwa", "gen3"), ("clik", "admittance", "push_test")),
-}
 CASES = [(file, controller) for file, controllers in TAKES.items() for controller in controllers]
 PARAMETERS = {name: scheme.parameters for name, scheme in schemes().items()} | {
     "watchdog": WatchdogParameters,
@@ -382,7 +377,7 @@ def test_each_real_arm_has_its_launch_file_its_yaml_and_its_page():
     assert names == sorted(TAKES.keys() - {"bringup"})
     page = (ROOT / "docs" / "robots.md").read_text()
     for name in names:
-        assert load_arm(name).controllers == TAKES_IN_YAML[name]
+        assert load_arm(name).controllers == TAKES[name]
         assert f"`{name}.launch.py`" in page
 
 

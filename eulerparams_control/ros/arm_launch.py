@@ -6,7 +6,6 @@
 import dataclasses
 import re
 from collections.abc import Collection, Mapping
-from functools import cache
 from importlib import import_module
 from pathlib import Path
 from tempfile import NamedTemporaryFile
@@ -15,16 +14,10 @@ from typing import Any
 import yaml
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError, did_you_mean
-from eulerparams_control.parameters.fields import (
-    checked,
-    fields_of,
-    is_list,
-    item_type,
-    refuse_unknown,
-)
+from eulerparams_control.parameters.fields import checked, fields_of, refuse_unknown
 from eulerparams_control.parameters.schemes import schemes
 from eulerparams_control.resources import config_file, config_names
-from eulerparams_control.ros.parameter_files import named_sections
+from eulerparams_control.ros.parameter_files import load_yaml, named_sections
 
 BRIDGE, WATCHDOG, RECORDER = "pybullet_bridge", "watchdog", "bag_recorder"
 _OTHERS = {  # the parameters of the nodes that are no controllers
@@ -39,6 +32,15 @@ ARGUMENTS = (
     *("position_controller", "effort_controller", "watchdog"),
 )
 """Arguments of bringup that an arm fills where they are empty."""
+
+_EXAMPLES = {
+    "topics": "{wrench: /sensor/wrench}",
+    "parameters": "{watchdog: {timeout: 0.1}}",
+}
+_TOPICS = (  # between nodes, besides those of the schemes
+    *("driver_effort", "external_wrench", "robot_description"),
+    *("target_pose", "target_stiffness", "target_twist", "target_wrench"),
+)
 _KEYS = ("description", "controllers", *ARGUMENTS, "topics", "parameters")
 
 type Parameters = dict[str, dict[str, Any]]
@@ -92,8 +94,8 @@ def load_arm(name_or_path: str) -> RealArm:
         if name_or_path not in known:
             raise UnknownNameError("real arm", name_or_path, known)
         path = config_file("robots/real", name_or_path)
-    entry = _read_file(path)
     try:
+        entry = _read_file(path)
         for key in entry:
             if key not in _KEYS:
                 raise UnknownNameError("key", key, _KEYS)
@@ -121,21 +123,12 @@ def _argument(name: str, value: Any) -> str:
     return value
 
 
-def read_argument(name: str, text: str, example: str) -> dict[str, Any]:
-    """Return the mapping that an argument of a launch file is in YAML.
-
-    Args:
-        name: of the argument.
-        text: that is given.
-        example: of one, for the refusal.
-
-    Raises:
-        ConfigurationError: if it is no mapping.
-    """
-    expected = f"expected a mapping in YAML, {name}:='{example}'"
+def read_argument(name: str, text: str) -> dict[str, Any]:
+    """Return the mapping that an argument is in YAML; raises ConfigurationError if it is none."""
+    expected = f"expected a mapping in YAML, {name}:='{_EXAMPLES[name]}'"
     try:
-        content = yaml.safe_load(text)
-    except (ValueError, RecursionError, yaml.YAMLError) as error:
+        content = load_yaml(text)
+    except ConfigurationError as error:
         raise ConfigurationError(f"{name} is {text!r}; {expected}: {error}") from error
     if not isinstance(content, dict | None):
         raise ConfigurationError(f"{name} is {text!r}; {expected}")
@@ -143,19 +136,17 @@ def read_argument(name: str, text: str, example: str) -> dict[str, Any]:
 
 
 def _read_file(path: Path) -> dict[str, Any]:
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise ConfigurationError(f"{path}: {error}") from error
+    content = load_yaml(path)
     if not isinstance(content, dict | None):
-        raise ConfigurationError(f"{path} holds {content!r}; expected a mapping")
+        raise ConfigurationError(f"holds {content!r}; expected a mapping")
     return content or {}
 
 
 def topics_of(given: Any) -> dict[str, str]:
     """Return other names of topics, checked; raises ConfigurationError."""
-    known = _topics()
-    topics = _mapping("topics", given)
+    topics, known = _mapping("topics", given), {*_TOPICS}
+    for scheme in schemes().values():
+        known |= {*scheme.topics, *scheme.outputs}
     for name, other in topics.items():
         if not name.startswith(("/", "~")) and name not in known:
             raise UnknownNameError("topic", name, known)
@@ -164,25 +155,18 @@ def topics_of(given: Any) -> dict[str, str]:
     return topics
 
 
-@cache
-def _topics() -> frozenset[str]:
-    """Return the names of the topics between nodes."""
-    found = {"driver_effort", "external_wrench", "robot_description", "target_pose"}
-    found |= {"target_stiffness", "target_twist", "target_wrench"}
-    for scheme in schemes().values():
-        found |= {*scheme.topics, *scheme.outputs}
-    return frozenset(found)
-
-
 def parameters_of(given: Any) -> Parameters:
     """Return parameters of nodes with their names in dots, checked; raises ConfigurationError."""
-    nodes = {*_OTHERS, *schemes()}
     found = {}
     for node, values in _mapping("parameters", given).items():
-        if node not in nodes:
-            raise UnknownNameError("node", node, nodes)
-        found[node] = _checked(node, _flat(_mapping(f"parameters of '{node}'", values)))
+        if node not in _nodes():
+            raise UnknownNameError("node", node, _nodes())
+        found[node] = _checked(node, values)
     return found
+
+
+def _nodes() -> set[str]:
+    return {*_OTHERS, *schemes()}
 
 
 def parameters_of_file(path: str, namespace: str, controllers: Collection[str]) -> Parameters:
@@ -199,51 +183,42 @@ def parameters_of_file(path: str, namespace: str, controllers: Collection[str]) 
     Raises:
         ConfigurationError: if it cannot be read, is for no node, or something in it is impossible.
     """
-    nodes = {*_OTHERS, *schemes()}
-    sections = list(named_sections(_read_file(Path(path))))
-    found: Parameters = {}
-    for section, values in sections:
-        part = section.rpartition("/")[2]
-        if part not in nodes and did_you_mean(part, nodes):
-            raise ConfigurationError(f"{path}: {UnknownNameError('node', part, nodes)}")
-        pattern = re.escape(section).replace(r"/\*\*", "(/.*)?").replace(r"\*", "[^/]*")
-        for node in nodes & {part} or nodes & {*controllers}:
-            name = re.sub("/+", "/", f"/{namespace}/{node}")
-            if section == f"/{node}" or re.fullmatch(pattern, name):
-                own = found.setdefault(node, {})
-                own |= _flat(_mapping(f"parameters of '{node}'", values))
+    nodes, found = _nodes(), list[Parameters]()
+    try:
+        sections = list(named_sections(_read_file(Path(path))))
+        for section, values in sections:
+            part = section.rpartition("/")[2]
+            if part not in nodes and did_you_mean(part, nodes):
+                raise UnknownNameError("node", part, nodes)
+            pattern = re.escape(section).replace(r"/\*\*", "(/.*)?").replace(r"\*", "[^/]*")
+            for node in nodes & {part} or nodes & {*controllers}:
+                name = re.sub("/+", "/", f"/{namespace}/{node}")
+                if section == f"/{node}" or re.fullmatch(pattern, name):
+                    found.append({node: _checked(node, values)})
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
     if not found:
         names = ", ".join(section for section, _ in sections) or "no node"
         raise ConfigurationError(f"{path} is for {names}; expected one of {', '.join(nodes)}")
-    try:
-        return {node: _checked(node, values) for node, values in found.items()}
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from error
+    return merged(*found)
 
 
 def merged(*layers: Parameters) -> Parameters:
     """Return parameters of nodes, key by key; the last layer that has one counts."""
-    nodes = {node for layer in layers for node in layer}
-    found: Parameters = {node: {} for node in nodes}
+    found: Parameters = {}
     for layer in layers:
         for node, values in layer.items():
-            found[node] |= values
+            found[node] = found.get(node, {}) | values
     return found
 
 
-def launch_parameters(values: Mapping[str, Any]) -> list[str | dict[str, Any]]:
-    """Return parameters of a node as launch_ros passes them on: empty lists in a file.
-
-    It refuses them in a dictionary.
-    """
-    empty = {name: value for name, value in values.items() if value == []}
-    rest = {name: value for name, value in values.items() if name not in empty}
-    found: list[str | dict[str, Any]] = [rest] if rest else []
-    if empty:
-        with NamedTemporaryFile("w", prefix="parameters_", suffix=".yaml", delete=False) as file:
-            yaml.safe_dump({"/**": {"ros__parameters": empty}}, file)
-        found.append(file.name)
-    return found
+def parameter_files(values: Mapping[str, Any]) -> list[str]:
+    """Return a new file of the parameters of a node: launch_ros refuses empty lists otherwise."""
+    if not values:
+        return []
+    with NamedTemporaryFile("w", prefix="parameters_", suffix=".yaml", delete=False) as file:
+        yaml.safe_dump({"/**": {"ros__parameters": dict(values)}}, file)
+    return [file.name]
 
 
 def _mapping(name: str, value: Any) -> dict[str, Any]:
@@ -263,43 +238,19 @@ def _flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
     return found
 
 
-def _checked(node: str, values: dict[str, Any]) -> dict[str, Any]:
-    """Return parameters as their types; raises ConfigurationError as the node would."""
-    kind = _parameters_type(node)
+def _checked(node: str, given: Any) -> dict[str, Any]:
+    """Return parameters with their names in dots; raises ConfigurationError as the node would."""
+    values = _flat(_mapping(f"parameters of '{node}'", given))
+    if node in _OTHERS:
+        module, name = _OTHERS[node]
+        kind = getattr(import_module(module), name)
+    else:
+        kind = schemes()[node].parameters
     fields = fields_of(kind)
     try:
         refuse_unknown(kind, values, _FREE if node == BRIDGE else ())
-        return {
-            name: _plain(checked(fields[name], _numbers(fields[name], value)))
-            if name in fields
-            else value
-            for name, value in values.items()
-        }
+        known = {name: checked(fields[name], v) for name, v in values.items() if name in fields}
     except ConfigurationError as error:
         raise ConfigurationError(f"{node}: {error}") from error
-
-
-def _parameters_type(node: str) -> type[Any]:
-    if node in schemes():
-        return schemes()[node].parameters
-    module, name = _OTHERS[node]
-    found: type[Any] = getattr(import_module(module), name)
-    return found
-
-
-def _numbers(field: dataclasses.Field[Any], value: Any) -> Any:
-    """Return a value with 1e-3 as a number: it is a word for YAML, and a number for ROS."""
-    if (item_type(field) if is_list(field) else field.type) is not float:
-        return value
-    return [*map(_number, value)] if isinstance(value, list) else _number(value)
-
-
-def _number(value: Any) -> Any:
-    try:
-        return float(value) if isinstance(value, str) else value
-    except ValueError:
-        return value
-
-
-def _plain(value: Any) -> Any:
-    return list(value) if isinstance(value, tuple) else value
+    lists = {name: [*value] for name, value in known.items() if isinstance(value, tuple)}
+    return values | known | lists

@@ -1,7 +1,5 @@
 """The node ``clik``: kinematic control, section III; publishes ``joint_reference``."""
 
-import sys
-
 from eulerparams_control.parameters.clik import ClikParameters
 from eulerparams_control.ros.control_node import ControlNode
 from eulerparams_control.ros.runtime import run
@@ -16,7 +14,3 @@ class ClikNode(ControlNode):
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
     return run(ClikNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,5 @@
 """The node ``compliance_control``: an impedance by efforts, without a sensor of the contact."""
 
-import sys
 from typing import Any
 
 import numpy as np
@@ -46,7 +45,7 @@ class ComplianceControlNode(ControlNode):
 
     def observe(self, t: int, q: Array, dq: Array) -> None:
         """Let the tool exert what counts for the state."""
-        if self._controller is not None and self._pressing.force is not None:
+        if self._controller is not None:
             self._pressing.exert(self._controller, t, self._params.target_timeout)
 
     def review(self, controller: Controller, stamp: Any) -> None:
@@ -83,7 +82,3 @@ def _springs_to_ros(springs: Springs, stamp: Time) -> JointState:
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
     return run(ComplianceControlNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

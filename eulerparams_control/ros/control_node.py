@@ -104,7 +104,7 @@ class ControlNode(ManagedNode):
     def _activated(self) -> None:
         assert self._controller is not None
         # only now: who publishes a reference can see by it that somebody follows
-        self._leaders.begin(self._controller, self._params, self._lead)
+        self._leaders.begin(self._controller, self._lead)
         self._is_heard = False
         self._report.activated()
         self._say()
@@ -136,10 +136,10 @@ class ControlNode(ManagedNode):
         self._description = msg.data
         self._try_start()
 
-    def _on_joint_states(self, message: tuple[bytes, Mapping[str, Any]]) -> None:
+    def _on_joint_states(self, data: bytes, info: Mapping[str, Any]) -> None:
         if self._robot is None:
             return
-        (data, info), was_answered = message, self._input.unanswered is None
+        was_answered = self._input.unanswered is None
         try:
             if strangers := self._input.take(data, info[NUMBER]):
                 self._say_strange(strangers)

@@ -1,7 +1,5 @@
 """The node ``dynamic_control``: section IV; publishes ``joint_effort``."""
 
-import sys
-
 from eulerparams_control.parameters.dynamic_control import DynamicParameters
 from eulerparams_control.ros.control_node import ControlNode
 from eulerparams_control.ros.runtime import run
@@ -16,7 +14,3 @@ class DynamicControlNode(ControlNode):
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
     return run(DynamicControlNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

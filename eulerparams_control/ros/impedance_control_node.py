@@ -1,6 +1,6 @@
 """The node ``impedance_control``: section V; publishes ``joint_effort`` and ``compliant_frame``."""
 
-import sys
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -16,6 +16,7 @@ from eulerparams_control.laws.compliant_frame import ComplianceLaw
 from eulerparams_control.laws.impedance_control import ImpedanceControl
 from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.laws.scheme import Scheme, Tick
+from eulerparams_control.messages.from_ros import shown
 from eulerparams_control.messages.keys import WRENCH_FRAME
 from eulerparams_control.messages.to_ros import impedance_to_ros
 from eulerparams_control.motion.frames import Placement
@@ -30,26 +31,28 @@ from eulerparams_control.ros.qos import QOS
 from eulerparams_control.ros.resting_contact import RestingContact, norms
 from eulerparams_control.ros.runtime import run
 from eulerparams_control.ros.rviz import Stiffness
-from eulerparams_control.ros.target_stiffness import TargetStiffness, stiffness_from_ros
 from eulerparams_control.ros.target_wrench import AT_ITS_END, TargetWrench
 from eulerparams_control.ros.targets import Topics
 from eulerparams_control.ros.wrench_input import WrenchInput
+
+type Diagonals = dict[str, tuple[float, ...]]
+"""Those of K_p and K_o, by the names of the parameters."""
 
 
 class ImpedanceControlNode(ControlNode):
     """Impedance control of one arm."""
 
     parameters_type = ImpedanceParameters
-    _target: TargetStiffness
+    _declared: tuple[tuple[float, ...], tuple[float, ...]]  # K_p, K_o of the parameters
 
     def __init__(self) -> None:
         self._note_on_wrench, self._set_backs = Why(), 0
+        self._stiffness: Diagonals = {}  # that target_stiffness asked for, until K_p, K_o change
+        self._contact: RestingContact | None = None  # until the robot is known
         super().__init__()
 
     def _subscribe(self) -> None:
-        p = self._params
-        self._sensor = WrenchInput(self.time, p.wrench_pairing, p.wrench_timeout, p.max_latency)
-        self._contact = RestingContact(p.tare_samples)
+        self._sensor = WrenchInput(self.time, self._params)
         self._placements: dict[str, Placement] = {}
         self._pressing = TargetWrench(self._input)
         self._impedance = ImpedancePublisher[ComplianceLaw](
@@ -64,17 +67,19 @@ class ImpedanceControlNode(ControlNode):
     def make_scheme(self, robot: Robot) -> ImpedanceControl:
         """Return impedance control for a robot."""
         p: ImpedanceParameters = self._params
-        scheme = p.make_scheme(robot, self._contact.chain)
+        scheme = p.make_scheme(robot, self._contact.chain if self._contact else None)
         scheme.sense(self._sensor.fresh)
         return scheme
 
     def change_scheme(self, scheme: Scheme, parameters: Any) -> None:
         """Go over to new parameters; raises ConfigurationError."""
         assert isinstance(scheme, ImpedanceControl)
-        target = self._target.kept(parameters)
-        scheme.change(target.of(parameters))
-        self._target = target
-        self._contact.wrenches.clear()  # they are of another tool or bias
+        declared = parameters.K_p, parameters.K_o
+        stiffness = self._stiffness if declared == self._declared else {}
+        scheme.change(replace(parameters, **stiffness))
+        self._stiffness, self._declared = stiffness, declared
+        if self._contact is not None:
+            self._contact.wrenches.clear()  # they are of another tool or bias
 
     def leaders(self) -> Topics:
         """Return the topics that lead the stiffness and the force of the arm."""
@@ -84,23 +89,21 @@ class ImpedanceControlNode(ControlNode):
         }
 
     def _activated(self) -> None:
-        self._target = TargetStiffness(self._params, self._params)
+        self._stiffness, self._declared = {}, (self._params.K_p, self._params.K_o)
         self._pressing.forget()
         super()._activated()
 
     def _stiffen(self, controller: Controller, msg: WrenchStamped) -> None:
         p, robot = self._params, controller.scheme.robot
         in_base = p.translational_frame == "base"
-        K_p, K_o = stiffness_from_ros(msg, robot.base_frame if in_base else robot.tip_frame)
+        stiffness = _stiffness_from_ros(msg, robot.base_frame if in_base else robot.tip_frame)
         self._leaders.refuse_overtaken("target_stiffness", msg)
-        wanted = replace(p, K_p=tuple(K_p.tolist()), K_o=tuple(K_o.tolist()))
+        assert isinstance(controller.scheme, ImpedanceControl)
         try:
-            compliance = wanted.compliance_law()
-            assert isinstance(controller.scheme, ImpedanceControl)
-            controller.scheme.change_impedance(compliance)
+            controller.scheme.change_impedance(replace(p, **stiffness).compliance_law())
         except ConfigurationError as error:
             raise InvalidMessageError(str(error)) from error
-        self._target = TargetStiffness(p, wanted)
+        self._stiffness = stiffness
 
     def make_commands(self, joints: tuple[str, ...]) -> ComplianceCommands:
         """Return the publishers of ``compliant_frame`` and ``joint_effort``."""
@@ -115,11 +118,15 @@ class ImpedanceControlNode(ControlNode):
         result = super().on_configure(state)
         self._placements.clear()
         self._sensor.forget()
-        if self._robot is not None and (advice := self._params.advice()):
-            self._health.complain(advice, about="impedance")
         if self._robot is not None:
-            self._contact.expect(self._robot, self._params)
+            self._contact = RestingContact(self._robot, self._params)
+            if advice := self._params.advice():
+                self._health.complain(advice, about="impedance")
         return result
+
+    def _forget_robot(self) -> None:
+        super()._forget_robot()
+        self._contact = None
 
     # --- the wrench --------------------------------------------------------------------
 
@@ -193,42 +200,39 @@ class ImpedanceControlNode(ControlNode):
 
     def observe(self, t: int, q: Array, dq: Array) -> None:
         """Take the wrench for the state, and remember it for a tare."""
-        robot, controller = self._robot, self._controller
-        if robot is None:
+        robot, controller, contact = self._robot, self._controller, self._contact
+        if robot is None or contact is None:
             return
-        if controller is not None:
-            before, self._set_backs = self._set_backs, controller.admission.set_backs
-            if self._set_backs > before:
-                self._sensor.set_back()
-        is_new = self._sensor.choose(t, q, robot.limits)
-        sensed = self._sensor.fresh
+        if controller is not None and controller.admission.set_backs > self._set_backs:
+            self._sensor.set_back()
+        self._set_backs = controller.admission.set_backs if controller is not None else 0
+        is_new, sensed = self._sensor.choose(t, q, robot.limits), self._sensor.fresh
         if controller is not None:
             assert isinstance(controller.scheme, ImpedanceControl)
             controller.scheme.sense(sensed)
-            if self._pressing.force is not None:
-                self._pressing.exert(controller, t, self._params.target_timeout)
+            self._pressing.exert(controller, t, self._params.target_timeout)
         if sensed is None:
-            self._contact.wrenches.clear()
+            contact.wrenches.clear()
         elif is_new:
-            self._contact.wrenches.append((sensed, q, dq))
+            contact.wrenches.append((sensed, q, dq))
 
     def review(self, controller: Controller, stamp: Any) -> None:
         """Publish the impedance; say what is wrong with the wrench, or with the contact."""
-        why, scheme = self._sensor.trouble, controller.scheme
+        trouble, scheme = self._sensor.trouble, controller.scheme
         assert isinstance(scheme, ImpedanceControl)
         if stamp is not None:
             self._impedance.show(stamp, scheme.compliant.law_now)
-        if not why.note and scheme.damping > 1.0:
+        if trouble.note:
+            why = trouble._replace(note=f"{trouble.note}: the compliant frame is frozen")
+        elif scheme.damping > 1.0:
             why = calmed(scheme.damping)
-        elif not why.note and scheme.compliant.waits:
+        elif scheme.compliant.waits:
             why = STIFFNESS_WAITS
-        elif not why.note and scheme.is_at_its_end:
-            why = AT_ITS_END
+        else:
+            why = AT_ITS_END if scheme.is_at_its_end else Why()
         if why != self._note_on_wrench:
             self._note_on_wrench = why
-            is_frozen = why is self._sensor.trouble and why.note
-            frozen = f"{why.note}: the compliant frame is frozen"
-            self.note(why._replace(note=frozen) if is_frozen else why)
+            self.note(why)
 
     def doubt(self) -> Why:
         """Return why it is not known whose messages come; Why() if it is, or will be soon."""
@@ -243,18 +247,23 @@ class ImpedanceControlNode(ControlNode):
         """Return why the arm must not be controlled yet; "" if it may."""
         if reason := super().refusal():
             return reason
-        if self._sensor.trouble.note or self._robot is None:
-            return f"{self._sensor.trouble.note} (topic {self._wrench.topic_name})"
-        waits = self._input.repeats and self._sensor.repeats  # a simulator, for its answer
         topic = self._wrench.topic_name
-        return self._contact.refusal(self._params, topic, waits=waits)
+        if self._sensor.trouble.note or self._contact is None:
+            return f"{self._sensor.trouble.note} (topic {topic})"
+        waits = self._input.repeats and self._sensor.repeats  # a simulator, for its answer
+        return self._contact.refusal(topic, waits=waits)
 
     def _on_tare(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Take the mean of the last samples for no contact."""
-        scheme = self._controller.scheme if self._controller else None
-        assert scheme is None or isinstance(scheme, ImpedanceControl)
+        contact, wanted = self._contact, self._params.tare_samples
+        count = len(contact.wrenches) if contact is not None else 0
         try:
-            felt, spread = self._contact.tare(self._params, self._robot, scheme)
+            if contact is None or count < wanted:
+                raise ConfigurationError(
+                    f"{wanted - count} more valid wrenches are needed, {wanted} in all "
+                    "(tare_samples)"
+                )
+            felt, spread = contact.tare(self._scheme)
         except ConfigurationError as error:
             response.message = f"not tared: {error}"
             return response
@@ -267,28 +276,32 @@ class ImpedanceControlNode(ControlNode):
         self.get_logger().info(response.message)
         return response
 
+    @property
+    def _scheme(self) -> ImpedanceControl | None:
+        """The active scheme."""
+        scheme = self._controller.scheme if self._controller else None
+        return scheme if isinstance(scheme, ImpedanceControl) else None
+
     def values_now(self) -> dict[str, str | int | float]:
         """Return the contact that is felt while the arm is held, or not yet controlled."""
         is_moved = self._controller is not None and not self._controller.fault
-        return {} if is_moved or self._robot is None else self._contact.values()
+        return {} if is_moved or self._contact is None else self._contact.values()
 
     def stiffness_of(self, tick: Tick) -> Stiffness | None:
         """Return K_p at the centre of compliance; None while there is no compliant frame."""
-        scheme = self._controller.scheme if self._controller else None
-        if tick.command.frame is None or not isinstance(scheme, ImpedanceControl):
+        scheme, frame = self._scheme, tick.command.frame
+        if frame is None or scheme is None:
             return None
-        centre = tick.command.frame.carrying(self._params.centre(scheme.robot))
-        return scheme.compliant.law_now.stiffness(tick.desired.R_d), centre.p_d
+        K_p = scheme.compliant.law_now.stiffness(tick.desired.R_d)
+        return K_p, frame.carrying(scheme.centre).p_d
 
     def values_of(self, tick: Tick) -> dict[str, str | int | float]:
         """Return what /diagnostics shows of a tick."""
-        scheme = self._controller.scheme if self._controller else None
-        if tick.command.frame is None or not isinstance(scheme, ImpedanceControl):
+        scheme, frame, desired = self._scheme, tick.command.frame, tick.desired
+        if frame is None or scheme is None:
             return {}
         force, moment = norms(tick.wrench) if tick.wrench is not None else ("unknown",) * 2
-        distance, angle = _displacement(tick)
-        centre = self._params.centre(scheme.robot)
-        compliant, desired = tick.command.frame.carrying(centre), tick.desired.carrying(centre)
+        at_centre = [each.carrying(scheme.centre).R_d for each in (desired, frame)]
         return {
             "contact force [N]": force,
             "contact moment [Nm]": moment,
@@ -297,20 +310,35 @@ class ImpedanceControlNode(ControlNode):
             "change of the impedance": scheme.compliant.changed,
             "force exerted [N]": _text(scheme.force.wanted) if scheme.force.is_on else "none asked",
             "stiffness of the contact [N/m]": _text(scheme.force.stiffness),
-            "displacement [m]": distance,
-            "displacement [rad]": angle,
+            "displacement [m]": float(np.linalg.norm(frame.p_d - desired.p_d)),
+            "displacement [rad]": angle_between(desired.R_d, frame.R_d),
             "distance to singularity of the impedance [rad]": (
-                self._params.representation().singularity_distance(desired.R_d, compliant.R_d)
+                self._params.representation().singularity_distance(*at_centre)
             ),
         }
 
 
-def _displacement(tick: Tick) -> tuple[float, float]:
-    """Return how far [m], [rad] the compliant frame of a tick is from the desired one."""
-    compliant, desired = tick.command.frame, tick.desired
-    assert compliant is not None
-    distance = float(np.linalg.norm(compliant.p_d - desired.p_d))
-    return distance, angle_between(desired.R_d, compliant.R_d)
+def _stiffness_from_ros(msg: WrenchStamped, frame_id: str) -> Diagonals:
+    """Return the diagonals of K_p [N/m] and K_o [Nm/rad] that a message asks for.
+
+    Args:
+        msg: the message.
+        frame_id: of the axes of K_p.
+
+    Raises:
+        InvalidMessageError: if the frame is another, or a number is negative or not finite.
+    """
+    if msg.header.frame_id not in ("", frame_id):
+        raise InvalidMessageError(
+            f"its frame_id is {shown(msg.header.frame_id)}; expected {frame_id}, whose axes "
+            "K_p has (translational_frame), or none"
+        )
+    K_p, K_o = ((part.x, part.y, part.z) for part in (msg.wrench.force, msg.wrench.torque))
+    if not all(0.0 <= value < math.inf for value in (*K_p, *K_o)):
+        raise InvalidMessageError(
+            f"K_p is {[*K_p]} N/m, K_o {[*K_o]} Nm/rad; expected finite numbers of 0 or more"
+        )
+    return {"K_p": K_p, "K_o": K_o}
 
 
 def _text(values: Array) -> str:
@@ -320,7 +348,3 @@ def _text(values: Array) -> str:
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
     return run(ImpedanceControlNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

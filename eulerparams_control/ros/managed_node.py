@@ -37,7 +37,7 @@ from eulerparams_control.ros.guards import (
     survive_wrong_transitions,
     surviving,
 )
-from eulerparams_control.ros.message_info import paired
+from eulerparams_control.ros.message_info import with_info
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.qos import QOS_STREAM, overridable
 from eulerparams_control.ros.real_time import claim
@@ -299,11 +299,11 @@ class ManagedNode(LifecycleNode):
             callback: takes them.
             qos: unless it is overridden.
             raw: whether it takes their bytes, see ``Health.reader``.
-            with_numbers: whether it takes pairs of a message and its info.
+            with_numbers: whether it takes a message and its info.
         """
         guarded = surviving(callback, self._on_defect)
         if with_numbers:
-            guarded = paired(guarded)
+            guarded = with_info(guarded)
         return self.create_subscription(kind, topic, guarded, **overridable(qos), raw=raw)
 
     def _on_defect(self, error: Exception) -> None:

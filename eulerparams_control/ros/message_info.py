@@ -1,7 +1,7 @@
 """Messages as they come: their number among those of their publisher, and what they say."""
 
-import inspect
 from collections.abc import Callable, Mapping
+from functools import wraps
 from typing import Any
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -13,24 +13,16 @@ NUMBER = "publication_sequence_number"
 """Key of the info: the publisher counts its messages from 1."""
 
 
-def paired(callback: Callable[[tuple[Any, Mapping[str, Any]]], None]) -> Callable[..., None]:
-    """Return a callback of a subscription that gets a message and its info as one pair."""
-    return with_info(lambda msg, info: callback((msg, info)))
-
-
 def with_info(callback: Callable[[Any, Mapping[str, Any]], None]) -> Callable[..., None]:
     """Return a callback of a subscription that gets a message and its info.
 
     Most executors pass two arguments to such a callback, EventsExecutor one pair.
     """
 
-    def received(first: Any, info: Any = None) -> None:
-        if info is None:
-            callback(*first)
-        else:
-            callback(first, info)
+    @wraps(callback)  # whose signature says to rclpy that it gets both
+    def received(*message: Any) -> None:
+        callback(*(message if len(message) == 2 else message[0]))
 
-    received.__signature__ = inspect.signature(callback)  # type: ignore[attr-defined]
     return received
 
 

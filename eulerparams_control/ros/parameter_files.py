@@ -5,8 +5,10 @@ that all its parameters are the defaults.  Nor does it say that a word is droppe
 source gives the same parameter as a number: that would count.
 """
 
+import re
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import Field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -14,86 +16,85 @@ from typing import Any
 import yaml
 
 from eulerparams_control.errors import ConfigurationError, did_you_mean
+from eulerparams_control.parameters.fields import checked
 
 _PARAMETERS = "ros__parameters"
 
 
-def refuse_misspelt_sections(name: str, arguments: Iterable[str] | None = None) -> None:
-    """Check the parameter files of a command line for the node ``name``.
-
-    A file may be for other nodes only, but not for one whose name is nearly that of this one.
-
-    Args:
-        name: of the node, without its namespace.
-        arguments: of the command line; None is that of the process.
-
-    Raises:
-        ConfigurationError: if no section of a file is for the node, but one is probably meant so.
-    """
-    for path in _files(sys.argv if arguments is None else arguments):
-        sections = [section for section, _ in _sections(path)]
-        last_parts = [section.rpartition("/")[2] for section in sections]
-        if name in last_parts or any("*" in part for part in last_parts):
-            continue
-        for section, part in zip(sections, last_parts, strict=True):
-            if did_you_mean(part, [name]):
-                raise ConfigurationError(
-                    f"{path} has parameters for the node '{section}'; did you mean '{name}'? "
-                    f"It has none for '{name}'"
-                )
+class _Loader(yaml.SafeLoader):
+    """YAML as rcl reads it: 1e-3 is a number."""
 
 
-def given_words(name: str, arguments: Iterable[str] | None = None) -> Iterator[tuple[str, str]]:
-    """Yield names and values of the parameters of the node ``name`` that are given as words."""
-    arguments = list(sys.argv if arguments is None else arguments)
-    for flag, argument in pairwise(arguments):
-        if flag in ("-p", "--param"):
-            node, _, key = argument.partition(":=")[0].rpartition(":")
-            if node in ("", name):
-                yield from _words({key: _loaded(argument.partition(":=")[2])})
-    for path in _files(arguments):
-        for section, values in _sections(path):
-            part = section.rpartition("/")[2]
-            if part == name or "*" in part:
-                yield from _words(values)
+_NUMBER = re.compile(r"[-+]?((\d+\.?\d*|\.\d+)e[-+]?\d+|nan|inf)$", re.IGNORECASE)
+_Loader.add_implicit_resolver("tag:yaml.org,2002:float", _NUMBER, [*"-+.0123456789nNiI"])
 
 
-def _words(values: Any) -> Iterator[tuple[str, str]]:
-    if isinstance(values, dict):
-        yield from ((str(key), word) for key, word in values.items() if isinstance(word, str))
-
-
-def _loaded(text: str) -> Any:
+def load_yaml(source: str | Path) -> Any:
+    """Return what YAML, or a file of it, holds; raises ConfigurationError."""
     try:
-        return yaml.safe_load(text)
-    except (ValueError, RecursionError, yaml.YAMLError):
-        return None  # rcl has read it in its own way, or has refused it
-
-
-def _files(arguments: Iterable[str]) -> Iterator[str]:
-    before = ""
-    for argument in arguments:
-        if before == "--params-file":
-            yield argument
-        before = argument
-
-
-def _sections(path: str) -> Iterator[tuple[str, Any]]:
-    """Yield the full names of the nodes that a file is for, with what it gives them."""
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, ValueError):
-        return  # rcl has read it in its own way, or has refused it
-    yield from named_sections(_loaded(text))
+        text = source.read_text(encoding="utf-8") if isinstance(source, Path) else source
+        return _Loader(text).get_single_data()
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        raise ConfigurationError(str(error)) from error
 
 
 def named_sections(content: Any, above: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the full names of the nodes that a parameter file is for, with what it gives them."""
-    if not isinstance(content, dict):
-        return
-    for key, value in content.items():
+    for key, value in content.items() if isinstance(content, dict) else ():
         name = f"{above}/{str(key).strip('/')}"
         if isinstance(value, dict) and _PARAMETERS in value:
             yield name, value[_PARAMETERS]
         else:
             yield from named_sections(value, name)
+
+
+def refuse_misread(
+    name: str, fields: Mapping[str, Field[Any]], arguments: Sequence[str] | None = None
+) -> None:
+    """Check what a command line gives the node ``name``.
+
+    A file may be for other nodes only, but not for one whose name is nearly that of this one.
+
+    Args:
+        name: of the node, without its namespace.
+        fields: its parameters.
+        arguments: of the command line; None is that of the process.
+
+    Raises:
+        ConfigurationError: if no section of a file is for the node, but one is probably meant so;
+            if a word is given for what is no text.
+    """
+    given = []
+    for flag, argument in pairwise(sys.argv if arguments is None else arguments):
+        if flag in ("-p", "--param"):
+            key, _, text = argument.partition(":=")
+            node, _, key = key.rpartition(":")
+            if node in ("", name):
+                given.append({key: _loaded(text)})
+        elif flag == "--params-file":
+            sections = list(named_sections(_loaded(Path(argument))))
+            own = [values for section, values in sections if _is_for(name, section)]
+            for section, _ in [] if own else sections:
+                if did_you_mean(section.rpartition("/")[2], [name]):
+                    raise ConfigurationError(
+                        f"{argument} has parameters for the node '{section}'; did you mean "
+                        f"'{name}'? It has none for '{name}'"
+                    )
+            given += own
+    for values in given:
+        for key, value in values.items() if isinstance(values, dict) else ():
+            is_text = key not in fields or isinstance(fields[key].default, str)
+            if isinstance(value, str) and not is_text:
+                checked(fields[key], value)
+
+
+def _is_for(name: str, section: str) -> bool:
+    part = section.rpartition("/")[2]
+    return part == name or "*" in part
+
+
+def _loaded(source: str | Path) -> Any:
+    try:
+        return load_yaml(source)
+    except ConfigurationError:
+        return None  # rcl has read it in its own way, or has refused it

@@ -14,7 +14,7 @@ from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from eulerparams_control.errors import ConfigurationError, UnknownNameError
+from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.parameters.fields import (
     checked,
     fields_of,
@@ -22,7 +22,7 @@ from eulerparams_control.parameters.fields import (
     item_type,
     refuse_unknown,
 )
-from eulerparams_control.ros.parameter_files import given_words, refuse_misspelt_sections
+from eulerparams_control.ros.parameter_files import refuse_misread
 
 _LISTS = {
     float: Parameter.Type.DOUBLE_ARRAY,
@@ -53,24 +53,13 @@ def declare[P](
         ConfigurationError: if a value has the wrong type, size, or is out of bounds; if a
             parameter file is probably meant for the node, but names another.
     """
-    refuse_misspelt_sections(node.get_name())
-    refuse_unknown(parameters, node._parameter_overrides, prefixes)
     fields = fields_of(parameters)
-    refuse_words(node.get_name(), fields)
+    refuse_misread(node.get_name(), fields)
+    refuse_unknown(parameters, node._parameter_overrides, prefixes)
     is_fixed = on_change is None
     filled = parameters(**{n: _declare(node, field, is_fixed) for n, field in fields.items()})
     _watch(node, filled, on_change)
     return filled
-
-
-def refuse_words(name: str, fields: dict[str, Any], arguments: list[str] | None = None) -> None:
-    """Raise ConfigurationError where a word is given for what is no text."""
-    for key, word in given_words(name, arguments):
-        if key in fields and not isinstance(fields[key].default, str):
-            try:
-                float(word)  # 1e-3 is a word for YAML
-            except ValueError:
-                checked(fields[key], word)
 
 
 def _declare(node: Node, field: dataclasses.Field[Any], is_fixed: bool) -> Any:
@@ -120,27 +109,17 @@ def _descriptor(field: dataclasses.Field[Any], is_fixed: bool) -> ParameterDescr
 def _watch(node: Node, current: Any, on_change: Callable[[Any, Any], None] | None) -> None:
     """Check every later change; one that is refused changes nothing."""
     fields = fields_of(type(current))
-    refusal = ""
 
     def judge(changes: list[Parameter]) -> list[Parameter]:
-        """Judge changes before rclpy does, whose refusals say neither a unit nor what exists.
-
-        It takes a refusal of an unknown name only here.  Any other is kept for ``check``, which
-        is asked about a parameter that stays as it is.
-        """
-        nonlocal refusal
-        names = [change.name for change in changes if not node.has_parameter(change.name)]
+        """Judge changes before rclpy does, whose refusals say neither a unit nor what exists."""
         try:
-            refuse_unknown(type(current), names)
-        except UnknownNameError as error:
-            unknown = ParameterNotDeclaredException(names)
-            unknown.args = (str(error),)  # the answer of the parameter services
-            raise unknown from error
-        try:
-            refusal, judged = "", [as_meant(change) for change in changes]
-        except ConfigurationError as error:
-            refusal, judged = str(error), [node.get_parameter("use_sim_time")]
-        return judged
+            unknown = [change.name for change in changes if not node.has_parameter(change.name)]
+            refuse_unknown(type(current), unknown)
+            return [as_meant(change) for change in changes]
+        except ConfigurationError as error:  # the parameter services answer this kind alone
+            refused = ParameterNotDeclaredException([])
+            refused.args = (str(error),)
+            raise refused from error
 
     def as_meant(change: Parameter) -> Parameter:
         field = fields.get(change.name)
@@ -151,10 +130,7 @@ def _watch(node: Node, current: Any, on_change: Callable[[Any, Any], None] | Non
         return _typed(field, checked(field, change.value))
 
     def check(changes: list[Parameter]) -> SetParametersResult:
-        nonlocal current, refusal
-        reason, refusal = refusal, ""
-        if reason:
-            return SetParametersResult(successful=False, reason=reason)
+        nonlocal current
         values = {c.name: checked(fields[c.name], c.value) for c in changes if c.name in fields}
         try:
             if values and on_change is not None:

@@ -1,9 +1,8 @@
 """The node ``reference``: a desired motion, force and stiffness from parameters."""
 
-import sys
 from typing import Any
 
-from geometry_msgs.msg import Vector3, Wrench, WrenchStamped
+from geometry_msgs.msg import Wrench, WrenchStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -14,10 +13,10 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import InvalidMessageError, RobotError
 from eulerparams_control.events import Event, tell
+from eulerparams_control.laws.rotations import Array
 from eulerparams_control.messages.from_ros import JointStateReader, ns_from_ros
 from eulerparams_control.messages.keys import LifecycleCause, WorkMode
-from eulerparams_control.messages.to_ros import motion_to_ros, stamp_to_ros
-from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.messages.to_ros import motion_to_ros, stamp_to_ros, vector_to_ros
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.parameters.course import Course
 from eulerparams_control.parameters.reference import ReferenceParameters
@@ -49,7 +48,7 @@ class Sender:
     """
 
     def __init__(self, node: Node, topic: str, course: Course, frame: str, rate: float) -> None:
-        self._publisher = node.create_publisher(WrenchStamped, topic, QOS)
+        self.publisher = node.create_publisher(WrenchStamped, topic, QOS)
         self._course, self._frame = course, frame
         self._period = 1e9 / rate if rate else 0.0  # [ns]
         self.restart()
@@ -59,11 +58,6 @@ class Sender:
         self._began: int | None = None
         self._sent = 0
 
-    @property
-    def subscribers(self) -> int:
-        """How many listen."""
-        return int(self._publisher.get_subscription_count())
-
     def answer(self, msg: Any) -> None:
         """Send what belongs to a state, if it is due."""
         t = ns_from_ros(msg.header.stamp)
@@ -72,14 +66,12 @@ class Sender:
         if self._sent < t < self._sent + self._period:
             return
         self._sent = t
-        values = self._course.at((t - self._began) / 1e9).tolist()
-        sent = WrenchStamped(wrench=Wrench(force=_vector(values[:3]), torque=_vector(values[3:])))
+        force, torque = self._course.at((t - self._began) / 1e9).reshape(2, 3)
+        sent = WrenchStamped(
+            wrench=Wrench(force=vector_to_ros(force), torque=vector_to_ros(torque))
+        )
         sent.header.stamp, sent.header.frame_id = stamp_to_ros(t), self._frame
-        self._publisher.publish(sent)
-
-
-def _vector(values: list[float]) -> Vector3:
-    return Vector3(x=values[0], y=values[1], z=values[2])
+        self.publisher.publish(sent)
 
 
 class ReferenceNode(Node):
@@ -95,19 +87,17 @@ class ReferenceNode(Node):
         self.done = False
         self._health = diagnostics.Health(self)
         self._params = declare(self, self.parameters_type)
-        self._params.refuse_endless()
-        self._pending = self._params.motion != "none"
-        self._way_points = (
-            self._params.way_points() if self._params.motion == "way_points" else None
-        )
-        if self._params.motion == "circle":
-            self._params.circle()  # refuses now what the start of the motion would refuse
+        p = self._params
+        p.refuse_endless()
+        self._pending = p.motion != "none"
+        # refuse now what the start of the motion would refuse
+        self._way_points = p.way_points() if p.motion == "way_points" else None
+        self._circle = p.circle() if p.motion == "circle" else None
         self._robot: Robot | None = None
         self._latest, self._names = b"", list[bytes]()  # joint_states, and the joints of the arm
         self._sent, self._lasting = 0, 0  # [ns] of the motion
         self._begun: int | None = None  # when [ns] it did, as far as is known
         self._publisher = self.create_publisher(MultiDOFJointTrajectory, "reference", QOS)
-        p = self._params
         frames = {"target_wrench": p.tip_frame, "target_stiffness": ""}
         self._streams = [
             Sender(self, topic, course, frames[topic], p.stream_rate)
@@ -115,27 +105,16 @@ class ReferenceNode(Node):
         ]
         self._health.set(diagnostics.OK, "waiting for a robot description", mode=WorkMode.WAITING)
         self._started = steady.now()
-        self._subscribe()
-        self.create_timer(0.05, self._try_send, clock=Clock(clock_type=ClockType.STEADY_TIME))
-
-    def _subscribe(self) -> None:
         self.create_service(Trigger, "~/send", self._on_send)
-        self.create_subscription(
-            JointState,
-            "joint_states",
-            self._on_joint_states,
-            **overridable(QOS),
-            raw=True,
-        )
-        if self._params.robot_description:
-            self._set_robot(self._params.robot_description)
+        take = self._on_joint_states
+        self.create_subscription(JointState, "joint_states", take, **overridable(QOS), raw=True)
+        if p.robot_description:
+            self._set_robot(p.robot_description)
         else:
-            self.create_subscription(
-                String,
-                "robot_description",
-                self._on_robot_description,
-                **overridable(QOS_LATCHED),
-            )
+            latched = overridable(QOS_LATCHED)
+            take_urdf = self._on_robot_description
+            self.create_subscription(String, "robot_description", take_urdf, **latched)
+        self.create_timer(0.05, self._try_send, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _set_robot(self, urdf: str) -> None:
         p = self._params
@@ -163,44 +142,37 @@ class ReferenceNode(Node):
                 for stream in self._streams:
                     stream.answer(state)
 
-    def _present_pose(self) -> DesiredFrame | str:
-        """Return the pose of the arm measured last, or why there is none."""
-        if self._robot is None:
-            return _NO_ROBOT
+    def _measured(self) -> tuple[int, Array, Array]:
+        """Return the stamp [ns], q and dq (n,) measured last; raises InvalidMessageError."""
         if not self._latest:
-            return "no valid joint_states yet"
+            raise InvalidMessageError("no valid joint_states yet")
         try:
-            _, q, dq = self._reader.from_ros(deserialized(self._latest, JointState))
+            return self._reader.from_ros(deserialized(self._latest, JointState))
         except InvalidMessageError as error:
             self._health.reject("joint_states", error)
             self._latest = b""
-            return "no valid joint_states"
-        state = self._robot.state(q, dq)
-        return DesiredFrame(state.p_e, state.R_e)
+            raise InvalidMessageError("no valid joint_states") from error
 
     def _try_send(self) -> None:
         """Send the motion of the parameters once subscribers and what it needs are there."""
         if not self._pending:
             self._end_when_over()
-            return
-        if self._robot is None:
+        elif self._robot is None:
             if steady.now() - self._started > _LONG:
                 self._health.complain(f"{_NO_ROBOT}: is the robot running?", about="robot")
-            return
-        if reason := self._send_motion():
-            self._health.complain(reason, about="motion")
         else:
-            self._pending = False
+            try:
+                self._send_motion()
+            except InvalidMessageError as error:
+                self._health.complain(str(error), about="motion")
 
     def _end_when_over(self) -> None:
         """End when the motion is over, by the stamps of joint_states, if it is sent once."""
-        if not (self._params.once and self._latest):
+        if not self._params.once:
             return
         try:
-            stamp = ns_from_ros(deserialized(self._latest, JointState).header.stamp)
-        except InvalidMessageError as error:
-            self._health.reject("joint_states", error)
-            self._latest = b""
+            stamp, _, _ = self._measured()
+        except InvalidMessageError:
             return
         t = stamp or round(1e9 * steady.now())  # without stamps
         if self._begun is None or t < self._begun:  # a simulation was started again
@@ -212,33 +184,35 @@ class ReferenceNode(Node):
 
     def _on_send(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Send the motion of the parameters again, as after a fault; a circle begins again here."""
-        reason = self._send_motion()
-        response.success = not reason
-        response.message = f"not sent: {reason}" if reason else self._health.message
-        self._pending = self._pending and bool(reason)
+        try:
+            self._send_motion()
+            response.success, response.message = True, self._health.message
+        except InvalidMessageError as error:
+            response.message = f"not sent: {error}"
         return response
 
-    def _send_motion(self) -> str:
-        """Send the motion of the parameters; return why it was not sent, "" if it was.
+    def _send_motion(self) -> None:
+        """Send the motion of the parameters; raises InvalidMessageError if it cannot be sent.
 
         Whether it is followed, the controller says.
         """
-        counts = [stream.subscribers for stream in self._streams]
-        there = min([self._publisher.get_subscription_count(), *counts])
+        publishers = [self._publisher, *(stream.publisher for stream in self._streams)]
+        there = min(publisher.get_subscription_count() for publisher in publishers)
         wanted = self._params.wait_for_subscribers
         if self._params.motion == "none":
-            return "the parameter motion is none"
+            raise InvalidMessageError("the parameter motion is none")
         if self._robot is None:
-            return _NO_ROBOT
+            raise InvalidMessageError(_NO_ROBOT)
         if there < wanted:
-            return f"waiting for {wanted} subscribers of reference, {there} are there"
+            raise InvalidMessageError(
+                f"waiting for {wanted} subscribers of reference, {there} are there"
+            )
         if self._way_points is not None:
             self._send(self._way_points)
-        elif isinstance(pose := self._present_pose(), str):
-            return pose
-        else:
-            self._send(self._params.circle().trajectory(pose.p_d, pose.R_d))
-        return ""
+        elif self._circle is not None:
+            _, q, dq = self._measured()
+            arm = self._robot.state(q, dq)
+            self._send(self._circle.trajectory(arm.p_e, arm.R_e))
 
     def _send(self, trajectory: Trajectory) -> None:
         assert self._robot is not None
@@ -252,20 +226,13 @@ class ReferenceNode(Node):
         self._lasting, self._begun = round(1e9 * trajectory.duration), None
         for stream in self._streams:
             stream.restart()
-        self._sent += 1
+        self._sent, self._pending = self._sent + 1, False
         number = f", number {self._sent}" if self._sent > 1 else ""
         text = f"sent a motion of {trajectory.duration:g} s, {len(msg.points)} points{number}"
         self._health.set(diagnostics.OK, text, mode=WorkMode.DONE)
         tell(Event.SENT)
 
-    def close(self) -> None:
-        """Nothing has to be undone."""
-
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
     return run(ReferenceNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -16,34 +16,27 @@ _FEW = 10
 
 
 class RestingContact:
-    """What the tool feels while the arm is at rest.
-
-    Args:
-        size: how many wrenches are kept.
+    """What the tool feels while the arm is at rest, by a sensor that was not tared at first.
 
     Attributes:
-        chain: from the sensor to the contact; None until the robot is known.
+        chain: from the sensor to the contact.
         wrenches: the last ones, each with the state of the arm.
     """
 
-    def __init__(self, size: int) -> None:
-        self.chain: WrenchChain | None = None
-        self.wrenches: deque[RestingSample] = deque(maxlen=size)
-
-    def expect(self, robot: Robot, parameters: ImpedanceParameters) -> None:
-        """Begin with a sensor that was not tared."""
+    def __init__(self, robot: Robot, parameters: ImpedanceParameters) -> None:
+        self._parameters = parameters
         self.chain = WrenchChain(robot, parameters)
-        self.wrenches.clear()
+        self.wrenches: deque[RestingSample] = deque(maxlen=parameters.tare_samples)
 
-    def refusal(self, p: ImpedanceParameters, topic: str, *, waits: bool) -> str:
+    def refusal(self, topic: str, *, waits: bool) -> str:
         """Return why the arm must not be controlled yet; "" if it may.
 
         ``waits``: whether a simulator waits for its answer, so that no more wrenches come.
         """
+        p = self._parameters
         if len(self.wrenches) < (1 if waits else min(_FEW, p.tare_samples)):
             return f"waiting for {_FEW} wrenches on {topic}"
-        force, torque = self._felt()
-        if force <= p.max_activation_force and torque <= p.max_activation_torque:
+        if not self._touches(*self._felt()):
             return ""
         return (
             f"a wrench above max_activation_force {p.max_activation_force:g} N or "
@@ -52,31 +45,27 @@ class RestingContact:
         )
 
     def _felt(self) -> tuple[float, float]:
-        assert self.chain is not None
         return norms(mean_felt(self.chain, [*self.wrenches][-_FEW:]) - self.chain.tared)
+
+    def _touches(self, force: float, torque: float) -> bool:
+        p = self._parameters
+        return force > p.max_activation_force or torque > p.max_activation_torque
 
     def values(self) -> dict[str, str | int | float]:
         """Return what /diagnostics shows of it."""
         felt = self._felt() if self.wrenches else ("unknown", "unknown")
         return dict(zip(("contact force [N]", "contact moment [Nm]"), felt, strict=True))
 
-    def tare(
-        self, p: ImpedanceParameters, robot: Robot | None, scheme: ImpedanceControl | None
-    ) -> tuple[Array, Array]:
+    def tare(self, scheme: ImpedanceControl | None) -> tuple[Array, Array]:
         """Take the mean of the last wrenches for no contact, also in a scheme that is active.
 
         Returns:
             that mean, and the standard deviations: (6,) [N, Nm] about the tip, in its axes.
 
         Raises:
-            ConfigurationError: if they are too few, the arm moves, or touches something.
+            ConfigurationError: if the arm moves, or touches something.
         """
         chain, wrenches = self.chain, self.wrenches
-        if robot is None or chain is None or len(wrenches) < p.tare_samples:
-            raise ConfigurationError(
-                f"{p.tare_samples - len(wrenches)} more valid wrenches are needed, "
-                f"{p.tare_samples} in all (tare_samples)"
-            )
         if not is_still(wrenches):
             raise ConfigurationError("the arm moves; hold it still")
         felt, spread = mean_felt(chain, wrenches), np.std([w for (w, _), _, _ in wrenches], axis=0)
@@ -84,7 +73,7 @@ class RestingContact:
             chain.tare(felt)
             return felt, spread
         force, torque = norms(felt - chain.tared)
-        if force > p.max_activation_force or torque > p.max_activation_torque:
+        if self._touches(force, torque):
             raise ConfigurationError(
                 f"{force:.3g} N and {torque:.3g} Nm are felt while the arm is controlled, more "
                 "than max_activation_force or max_activation_torque: does it touch something? "

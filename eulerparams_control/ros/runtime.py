@@ -54,9 +54,9 @@ def run(
     process with one line on stderr and their exit code.
 
     Args:
-        make_node: makes the node.  ``done`` of it ends the loop; ``error``, if it has one, is why.
-            ``at_rest()``, if it has one, brings what moves to rest, and is called until it
-            returns true; ``close()`` sends the last safe command and finishes files.
+        make_node: makes the node, which may have these: ``done`` ends the loop; ``error`` is why;
+            ``at_rest()`` brings what moves to rest, and is called until it returns true;
+            ``close()`` sends the last safe command and finishes files.
         args: of the command line; None is those of the process.
         tells: whether its events go to stdout; not where that is for people.
         about: the class of the node; None: ``make_node`` is that.
@@ -67,16 +67,15 @@ def run(
         return ExitCode.OK
     if tells:
         begin()
-    code, text = _run(make_node, args)
+    code, text = _run(make_node, own)
     if text:
         print(f"error: {text}", file=sys.stderr, flush=True)
     tell(Event.ENDED, exit_code=code, text=text)
     return code
 
 
-def _run(make_node: Callable[[], Node], args: list[str] | None) -> tuple[ExitCode, str]:
+def _run(make_node: Callable[[], Node], own: list[str]) -> tuple[ExitCode, str]:
     """Run the node; return the exit code, and what was wrong."""
-    own = sys.argv[1:] if args is None else args
     loose = takewhile(lambda arg: arg != "--ros-args", own)
     if misplaced := next((arg for arg in loose if ":=" in arg), ""):
         return ExitCode.ERROR, (
@@ -84,7 +83,7 @@ def _run(make_node: Callable[[], Node], args: list[str] | None) -> tuple[ExitCod
             "--ros-args -p NAME:=VALUE, another name of a topic as --ros-args -r FROM:=TO"
         )
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=own, signal_handler_options=SignalHandlerOptions.NO)
     except (RCLError, UnknownROSArgsError) as error:  # a parameter file that is not there, say
         if xml := next((arg for arg in own if arg.partition(":=")[2].lstrip().startswith("<")), ""):
             return ExitCode.ERROR, _XML_AS_PARAMETER.format(name=xml.partition(":=")[0])
@@ -92,7 +91,7 @@ def _run(make_node: Callable[[], Node], args: list[str] | None) -> tuple[ExitCod
         return ExitCode.ERROR, (
             f"{text}; in the folder {Path.cwd()}; a parameter is given as -p NAME:=VALUE"
         )
-    if unknown := remove_ros_args(args)[1 if args is None else 0 :]:
+    if unknown := remove_ros_args(own):
         return ExitCode.ERROR, (
             f"unknown argument '{unknown[0]}'; parameters are given as --ros-args -p NAME:=VALUE "
             "or --ros-args --params-file FILE, see config/ and the README"
@@ -106,15 +105,17 @@ def _run(make_node: Callable[[], Node], args: list[str] | None) -> tuple[ExitCod
         node = make_node()
         _spin(node, stopped)
     except Exception as error:
-        how = _told(error)
+        how = _failure(error)
     try:
-        _end(node)
+        getattr(node, "close", lambda: None)()
     except Exception as error:
-        how = how if how[1] else _told(error)  # the first error is the cause
+        how = how if how[1] else _failure(error)  # the first error is the cause
+    finally:
+        rclpy.try_shutdown()
     return how
 
 
-def _told(error: Exception) -> tuple[ExitCode, str]:
+def _failure(error: Exception) -> tuple[ExitCode, str]:
     """Return the exit code after an error, and what to say of it in one line."""
     if isinstance(error, EulerParamsError):
         return error.exit_code, str(error)
@@ -127,25 +128,13 @@ def _spin(node: Node, stopped: list[int]) -> None:
     gc.collect()
     gc.freeze()  # a full collection of the start-up objects would cost milliseconds
     try:
-        while not stopped and not node.done:
+        while not stopped and not getattr(node, "done", False):
             executor.spin_once(timeout_sec=_POLL_SECONDS)
         if error := getattr(node, "error", None):
             raise error
-    finally:
-        _bring_to_rest(node, lambda: executor.spin_once(timeout_sec=_POLL_SECONDS))
-
-
-def _bring_to_rest(node: Node, spin_once: Callable[[], None]) -> None:
-    """Let what moves come to rest, also after an error."""
-    deadline = time.monotonic() + _STOP_SECONDS
-    while hasattr(node, "at_rest") and not node.at_rest() and time.monotonic() < deadline:
-        with suppress(Exception):  # it is said already why the node ends
-            spin_once()
-
-
-def _end(node: Node | None) -> None:
-    try:
-        if node is not None:
-            node.close()
-    finally:
-        rclpy.try_shutdown()
+    finally:  # what moves comes to rest, also after an error
+        deadline = time.monotonic() + _STOP_SECONDS
+        at_rest = getattr(node, "at_rest", lambda: True)
+        while not at_rest() and time.monotonic() < deadline:
+            with suppress(Exception):  # it is said already why the node ends
+                executor.spin_once(timeout_sec=_POLL_SECONDS)

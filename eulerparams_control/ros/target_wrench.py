@@ -41,20 +41,10 @@ AT_ITS_END = Why(
 )
 
 
-Pressing = ImpedanceControl | ComplianceControl
-"""The schemes that exert a force."""
-
-
 class TargetWrench:
     """Takes set-points, and lets them be exerted for as long as they count.
 
     In simulated time that goes by the stamps of the states, else by the time of receipt.
-
-    Args:
-        states: of the arm.
-
-    Attributes:
-        force: (3,) [N] that was asked for last; None before the first.
     """
 
     def __init__(self, states: StateInput) -> None:
@@ -63,7 +53,7 @@ class TargetWrench:
 
     def forget(self) -> None:
         """Forget what came before."""
-        self.force: Array | None = None
+        self._force: Array | None = None  # (3,) [N] that was asked for last
         self._came, self._t = -math.inf, 0  # [s], [ns] of the state
         self._breaks = 0  # of the controller, when it came
 
@@ -84,27 +74,25 @@ class TargetWrench:
                 f"the arm is {controller.mode}: a force is exerted while it holds or follows; "
                 "send a reference, or call ~/resume, first"
             )
-        if self.force is not None and breaks != self._breaks and since < _PAUSE:
+        if self._force is not None and breaks != self._breaks and since < _PAUSE:
             raise InvalidMessageError(
                 f"the arm was stopped meanwhile; send nothing for {_PAUSE} s, then again"
             )
-        self.force, self._t, self._breaks = force, state[0], breaks
+        self._force, self._t, self._breaks = force, state[0], breaks
 
     def exert(self, controller: Controller, t: int, timeout: float) -> None:
         """Let the tool exert what counts for the state stamped t [ns]; else end that.
 
-        Args:
-            controller: of the arm; while it stops the arm it goes on, or ends it.
-            t: of the state.
-            timeout: [s] for which a set-point counts.
+        A set-point counts for ``timeout`` [s], and not after the arm was stopped.
         """
         scheme = controller.scheme
-        assert isinstance(scheme, Pressing)
-        assert self.force is not None  # who calls has looked
+        if self._force is None:
+            return
+        assert isinstance(scheme, ImpedanceControl | ComplianceControl)
         age = (t - self._t) / 1e9 if self._states.receipt is None else steady.now() - self._came
         may_press = controller.mode in _MAY_PRESS
         if may_press and age <= timeout and self._breaks == _breaks(controller):
-            scheme.press(self.force)
+            scheme.press(self._force)
         elif isinstance(scheme, ComplianceControl):
             scheme.press(np.zeros(3))
         elif may_press and scheme.force.is_on:

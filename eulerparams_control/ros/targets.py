@@ -44,7 +44,7 @@ class Leaders:
 
     Args:
         node: that listens.
-        parameters: of the node; those that count here are fixed while it is active.
+        parameters: of the node; those that count here are fixed.
         states: of the arm.
         rviz: whose target is dragged.
         more: topics of the scheme.
@@ -76,29 +76,23 @@ class Leaders:
         self._controller: Controller | None = None
         self._heard: dict[str, Subscription] = {}
         self._stamps: dict[str, int] = {}  # [ns] of the last message, by topic
-        self.paired: tuple[str, ...] = ()
+        self.paired = parameters.paired_targets
+        if parameters.reference_pairing != LATEST:
+            self.paired = *self.paired, "reference"
         for topic in parameters.paired_targets:
             if topic not in self._topics:
                 raise UnknownNameError("topic in paired_targets", topic, self._topics)
 
-    def begin(
-        self,
-        controller: Controller,
-        parameters: ControlParameters,
-        lead: Callable[[str, Any], None],
-    ) -> None:
+    def begin(self, controller: Controller, lead: Callable[[str, Any], None]) -> None:
         """Listen: ``lead`` is called with a topic and its message, to be taken."""
-        self._controller, self._parameters = controller, parameters
+        self._controller = controller
         self._stamps.clear()  # what came before does not count
-        self.paired = parameters.paired_targets
-        if parameters.reference_pairing != LATEST:
-            self.paired = *self.paired, "reference"
         for topic, (kind, _) in self._topics.items():
             self._heard[topic] = self._node.listen(kind, topic, partial(lead, topic), QOS)
 
     def end(self) -> None:
         """Listen no more."""
-        self._controller, self.paired = None, ()
+        self._controller = None
         while self._heard:
             self._node.destroy_subscription(self._heard.popitem()[1])
 

@@ -68,7 +68,6 @@ class TeleopNode(Node):
 
     def __init__(self) -> None:
         super().__init__("teleop")
-        self.done = False
         self._health = diagnostics.Health(self)
         p = self._params = declare(self, self.parameters_type)
         self._wish, self._until, self._moves = np.zeros(6), 0.0, False  # from -1 to 1; until [s]
@@ -153,7 +152,3 @@ def _read(msg: Joy, p: TeleopParameters) -> tuple[Array, bool]:
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
     return run(TeleopNode, args, tells=False)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,6 +1,5 @@
 """The node ``watchdog``: ``joint_effort`` to a driver without a timeout, or what brakes the arm."""
 
-import sys
 from collections.abc import Mapping
 from typing import Any
 
@@ -45,7 +44,6 @@ class WatchdogNode(Node):
 
     def __init__(self) -> None:
         super().__init__("watchdog")
-        self.done = False
         self._health = diagnostics.Health(self)
         p = self._params = declare(self, self.parameters_type)
         self._watch: Watch | None = None
@@ -54,12 +52,8 @@ class WatchdogNode(Node):
         if p.robot_description:
             self._set_robot(p.robot_description)
         else:
-            self.create_subscription(
-                String,
-                "robot_description",
-                self._on_urdf,
-                **overridable(QOS_LATCHED),
-            )
+            take, latched = self._on_urdf, overridable(QOS_LATCHED)
+            self.create_subscription(String, "robot_description", take, **latched)
             text = "waiting for a robot description"
             self._health.set(diagnostics.OK, text, mode=WatchMode.WAITING)
         self.create_service(Trigger, "~/resume", self._on_resume)
@@ -79,12 +73,12 @@ class WatchdogNode(Node):
         self._reader = JointStateReader(robot.joints, needs_velocity=True)
         self._driver = CommandPublisher(self, "driver_effort", kind, robot.joints, QOS_STREAM)
         self._watch, self._stamp = Watch(robot, self._params), Time()
-        self._efforts, self._states = (
-            self.create_subscription(JointState, topic, take, **overridable(QOS))
-            for topic, take in (
-                ("joint_effort", self._on_effort),
-                ("joint_states", with_info(self._on_state)),
-            )
+        take_effort, take_state = self._on_effort, with_info(self._on_state)
+        self._efforts = self.create_subscription(
+            JointState, "joint_effort", take_effort, **overridable(QOS)
+        )
+        self._states = self.create_subscription(
+            JointState, "joint_states", take_state, **overridable(QOS)
         )
         self._send(None)
 
@@ -173,16 +167,10 @@ class WatchdogNode(Node):
 
     def at_rest(self) -> bool:
         """Brake the arm before the end; return whether it is at rest, or nothing acts."""
+        # what is sent last is gravity compensation: it may stay
         return self._watch is None or self._watch.brake()
-
-    def close(self) -> None:
-        """What was sent last is gravity compensation: it may stay."""
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
     return run(WatchdogNode, args)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -15,6 +15,7 @@ from eulerparams_control.laws.wrench import SensedWrench, StuckSensor
 from eulerparams_control.messages.from_ros import ns_from_ros, wrench_from_ros
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.common import LATEST
+from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.ros.ros_time import RosTime
 
 STUCK = Why(
@@ -51,22 +52,17 @@ class WrenchInput:
     In simulated time ages are those of the stamps, else they go by the time of receipt.  With
     pairing by the stamp a state waits for its wrench; for half the timeout in real time.
 
-    Args:
-        time: of the node: whether it is simulated.
-        pairing: "latest" or "stamp".
-        timeout: [s] after which a wrench is too old.
-        max_latency: [s] by which one may come later than the best one did, in real time.
-
     Attributes:
         fresh: the wrench chosen last; None while there is none to be believed.
         trouble: why there is none; Why() if there is.
         repeats: whether the last message said the same as the one before, stamp included.
     """
 
-    def __init__(self, time: RosTime, pairing: str, timeout: float, max_latency: float) -> None:
-        self._time, self._pairing, self._timeout = time, pairing, timeout
-        self._within = max(_WITHIN, _TIMEOUTS * timeout)
-        self._latency = Latency(max_latency)
+    def __init__(self, time: RosTime, parameters: ImpedanceParameters) -> None:
+        self._time, self._timeout = time, parameters.wrench_timeout
+        self._is_paired = parameters.wrench_pairing != LATEST
+        self._within = max(_WITHIN, _TIMEOUTS * self._timeout)
+        self._latency = Latency(parameters.max_latency)
         self.forget()
 
     def forget(self) -> None:
@@ -138,10 +134,10 @@ class WrenchInput:
         now = t / 1e9 if self._time.is_simulated else steady.now()
         return len(self._gaps) == _GAPS and 0 <= now - self._gaps[0][0] < self._within
 
-    def _rate(self) -> tuple[float, float]:
-        """Return the rate [1/s] of late, and the longest gap [s]."""
+    def _too_rare(self) -> Why:
         (first, _, before), (last, _, count) = self._gaps[0], self._gaps[-1]
-        return (count - before) / (last - first), max(gap for _, gap, _ in self._gaps)
+        rate, gap = (count - before) / (last - first), max(gap for _, gap, _ in self._gaps)
+        return too_rare(rate, gap, self._timeout)
 
     def _refuse_late(self, stamp: int, now: float) -> None:
         """Raise InvalidMessageError for a wrench that comes too late to control by."""
@@ -158,13 +154,18 @@ class WrenchInput:
         """Note that a message was refused: the state of its stamp need not wait for another."""
         self._refused = ns_from_ros(msg.header.stamp)
 
+    def _lacks(self, t: int) -> bool:
+        """Whether the wrench of the state stamped t [ns] has not come, and counts."""
+        return self._is_paired and t not in (self._stamp, self._refused)
+
+    def _waited(self) -> bool:
+        return steady.now() - self._paired > self._timeout / 2
+
     def is_complete(self, t: int) -> bool:
         """Whether the wrench of the state stamped t [ns] is there, or is not to be expected."""
-        if self._pairing == LATEST or self._last is None or t in (self._stamp, self._refused):
+        if self._last is None or not self._lacks(t):
             return True
-        if self._time.is_simulated:
-            return self._age(t) > self._timeout / 2
-        return steady.now() - self._paired > self._timeout / 2
+        return self._age(t) > self._timeout / 2 if self._time.is_simulated else self._waited()
 
     def choose(self, t: int, q: Array, limits: JointLimits) -> bool:
         """Choose ``fresh`` for a state; return whether it is a new one.
@@ -175,35 +176,26 @@ class WrenchInput:
             limits: of the joints.
         """
         is_new, self._is_new = self._is_new, False
-        unpaired = self._pairing != LATEST and t not in (self._stamp, self._refused)
-        if not unpaired:
+        if not self._lacks(t):
             self._paired = steady.now()
         if self._last is None:
             return False
         is_stuck = self.trouble.cause is Cause.WRENCH_STUCK
         if is_new and not self._time.is_simulated:  # what is simulated may repeat itself
             is_stuck = self._stuck.update(self._last.w, q, steady.now(), limits)
-        if self._is_too_rare(t):
-            if self.trouble.cause is not Cause.WRENCH_RATE_TOO_LOW:  # one text, though it varies
-                self.trouble = too_rare(*self._rate(), self._timeout)
-        elif self._age(t) > self._timeout:
-            self.trouble = lost(
-                f"no valid wrench within {self._timeout:g} s; is the sensor running?"
-            )
-        elif unpaired and not self._time.is_simulated and self._waited:
-            self.trouble = lost(
-                "no wrench has the stamp of joint_states; set wrench_pairing: latest"
-            )
-        elif is_stuck:
-            self.trouble = STUCK
-        else:
-            self.trouble = Why()
+        self.trouble = self._trouble(t, is_stuck=is_stuck)
         self.fresh = None if self.trouble.note else self._last
         return is_new and not self.trouble.note
 
-    @property
-    def _waited(self) -> bool:
-        return steady.now() - self._paired > self._timeout / 2
+    def _trouble(self, t: int, *, is_stuck: bool) -> Why:
+        if self._is_too_rare(t):
+            is_said = self.trouble.cause is Cause.WRENCH_RATE_TOO_LOW
+            return self.trouble if is_said else self._too_rare()  # one text, though it varies
+        if self._age(t) > self._timeout:
+            return lost(f"no valid wrench within {self._timeout:g} s; is the sensor running?")
+        if self._lacks(t) and not self._time.is_simulated and self._waited():
+            return lost("no wrench has the stamp of joint_states; set wrench_pairing: latest")
+        return STUCK if is_stuck else Why()
 
     def _age(self, t: int) -> float:
         """Return the age [s] of the last wrench at the stamp t [ns]."""

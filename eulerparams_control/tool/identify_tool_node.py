@@ -228,9 +228,6 @@ class IdentifyToolNode(Node):
             _write(Path(p.output), report.yaml())
             print(f"written to {p.output}", flush=True)
 
-    def close(self) -> None:
-        """Nothing has to be undone."""
-
 
 def _force(wrench: Array) -> str:
     return f"{float(np.linalg.norm(wrench[:3])):.2f} N"
