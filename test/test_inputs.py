@@ -112,7 +112,8 @@ def without_velocities(arm: Any) -> None:
 def states_of(needs_velocity: bool = False) -> Any:
     """Return an input of states, and what lets it take one."""
     read = Reader("JointState", lambda data: deserialize_message(data, JointState)).read
-    states = StateInput(RealTime(), SimpleNamespace(reader=lambda *_: read))
+    health = SimpleNamespace(reader=lambda *_: read)
+    states = StateInput(None, RealTime(), health, timeout=0.1, on_dispute=lambda _: None)
     states.expect(MODEL, needs_velocity)
     numbers = count(1)
 
@@ -150,10 +151,9 @@ def test_a_state_that_a_controller_refuses_does_not_end_the_silence():
         take(0.0, HOME, [0.0] * 6)
         now = 50.3
         take(0.3, HOME, [0.0] * 6)
-        assert states.silence() == 0.0
-        states.refused()
-        assert states.silence() == pytest.approx(0.3)
-        assert states.is_stale(0.1)
+        assert not states.is_stale
+        states.refused(SimpleNamespace(is_contested=False))
+        assert states.is_stale
     finally:
         steady.go_by()
 

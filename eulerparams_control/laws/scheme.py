@@ -106,6 +106,7 @@ class Scheme(ABC):
     """
 
     robot: Robot
+    parameters: Any  # ControlParameters
     is_frozen = False
     loop_rate = 0.0
 

@@ -228,7 +228,7 @@ class ImpedanceControlNode(ControlNode):
             self._note_on_wrench = why
             is_frozen = why is self._sensor.trouble and why.note
             frozen = f"{why.note}: the compliant frame is frozen"
-            self.note(why._replace(note=frozen) if is_frozen else why)
+            self._health.note = why._replace(note=frozen) if is_frozen else why
 
     def doubt(self) -> Why:
         """Return why it is not known whose messages come; Why() if it is, or will be soon."""
