@@ -24,7 +24,7 @@ from eulerparams_control.messages.from_ros import shown
 from eulerparams_control.messages.keys import Lifecycle
 from eulerparams_control.ros.diagnostics import Values
 from eulerparams_control.ros.managed_node import ManagedNode
-from eulerparams_control.ros.message_info import NUMBER
+from eulerparams_control.ros.message_info import NUMBER, with_info
 from eulerparams_control.ros.publishers import unheard
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED
 from eulerparams_control.ros.rviz import RViz, Stiffness
@@ -96,15 +96,11 @@ class ControlNode(ManagedNode):
     # --- messages ----------------------------------------------------------------------
 
     def _subscribe(self) -> None:
-        take = self._on_joint_states
-        self._input.subscription = self.listen(
-            JointState, "joint_states", take, QOS, raw=True, with_numbers=True
-        )
+        take, take_urdf = with_info(self._on_joint_states), self._on_robot_description
+        self._input.subscription = self.listen(JointState, "joint_states", take, QOS, raw=True)
         self._urdfs: Subscription | None = None
         if not self._description:
-            self._urdfs = self.listen(
-                String, "robot_description", self._on_robot_description, QOS_LATCHED
-            )
+            self._urdfs = self.listen(String, "robot_description", take_urdf, QOS_LATCHED)
 
     def _on_robot_description(self, msg: String) -> None:
         if self._robot is not None and msg.data != self._description:
@@ -114,10 +110,10 @@ class ControlNode(ManagedNode):
         self._description = msg.data
         self._try_start()
 
-    def _on_joint_states(self, message: tuple[bytes, Mapping[str, Any]]) -> None:
+    def _on_joint_states(self, data: bytes, info: Mapping[str, Any]) -> None:
         if self._robot is None:
             return
-        (data, info), was_answered = message, self._input.unanswered is None
+        was_answered = self._input.unanswered is None
         try:
             strangers = self._input.take(data, info[NUMBER])
         except InvalidMessageError as error:
@@ -139,14 +135,14 @@ class ControlNode(ManagedNode):
         states = self._input
         if states.unanswered is None or states.measured is None:
             return
-        t, q, dq = states.measured
+        (t, q, dq), are_believed = states.measured, states.are_believed()
         if self._controller is None:  # nothing listens yet to what belongs to the state
             self.observe(t, q, dq)
             self._try_start()
         controller = self._controller
-        if controller is None or not (self._is_heard or self._hears()) or not self.is_complete(t):
+        if controller is None or not are_believed:
             return
-        if not states.are_believed():
+        if not (self._is_heard or self._hears()) or not self.is_complete(t):
             return
         stamp, states.unanswered = states.unanswered, None
         self.observe(t, q, dq)

@@ -102,7 +102,7 @@ class Health:
         state = level, message, remedy, mode, cause
         if state == (self._level, self.message, self._remedy, self._mode, self._cause):
             return
-        if (mode, cause) != (self._mode, self._cause) or not mode:
+        if (mode, cause) != (self._mode, self._cause):
             self._since = self._now
             tell(Event.MODE, mode=mode, cause=cause)
         is_new = (level, message) != (self._level, self.message)
@@ -130,12 +130,7 @@ class Health:
     def complain(self, message: str, *, error: bool = False, about: str = "") -> bool:
         """Log a warning or an error, those about the same not more than every few seconds.
 
-        Return whether it was logged.
-
-        Args:
-            message: what to log.
-            error: whether it is an error.
-            about: what it is about; "" is the message itself.
+        Return whether it was logged.  ``about`` is what it is about; "" is the message itself.
         """
         now, key = steady.now(), about or message
         if now - self._logged.get(key, -_REPEAT_SECONDS) < _REPEAT_SECONDS:

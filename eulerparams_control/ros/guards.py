@@ -1,6 +1,7 @@
 """Guards of a control node against its parameters, and against wrong transitions."""
 
 from collections.abc import Callable
+from functools import wraps
 from typing import Any
 
 from lifecycle_msgs.srv import ChangeState
@@ -41,13 +42,14 @@ def keep_sim_time(node: Node, parameters: Callable[[], ControlParameters]) -> No
 
 
 def surviving(
-    callback: Callable[[Any], None], on_defect: Callable[[Exception], None]
-) -> Callable[[Any], None]:
+    callback: Callable[..., None], on_defect: Callable[[Exception], None]
+) -> Callable[..., None]:
     """Return a callback after whose defects ``on_defect`` is called, and the node goes on."""
 
-    def survive(msg: Any) -> None:
+    @wraps(callback)
+    def survive(*message: Any) -> None:
         try:
-            callback(msg)
+            callback(*message)
         except Exception as error:
             on_defect(error)
 

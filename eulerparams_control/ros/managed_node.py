@@ -34,7 +34,6 @@ from eulerparams_control.ros.guards import (
     survive_wrong_transitions,
     surviving,
 )
-from eulerparams_control.ros.message_info import paired
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.qos import QOS_STREAM, overridable
 from eulerparams_control.ros.real_time import claim
@@ -174,11 +173,12 @@ class ManagedNode(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin at the measured pose with zero error."""
         measured, robot = self._input.measured, self._robot
+        assert robot is not None
         if (why := self.doubt()).fault:
             return self._fail_for(why)
-        if measured is None or robot is None:
-            expected = ", ".join(robot.joints) if robot else ""
-            text = f"not activated: no valid joint_states yet; expected the joints {expected}"
+        if measured is None:
+            joints = ", ".join(robot.joints)
+            text = f"not activated: no valid joint_states yet; expected the joints {joints}"
             return self._fail(text, Lifecycle.INACTIVE, Cause.NO_STATES)
         self.time.look()
         try:
@@ -273,28 +273,10 @@ class ManagedNode(LifecycleNode):
                 self.trigger_activate()
 
     def listen(
-        self,
-        kind: Any,
-        topic: str,
-        callback: Any,
-        qos: QoSProfile,
-        *,
-        raw: bool = False,
-        with_numbers: bool = False,
+        self, kind: Any, topic: str, callback: Any, qos: QoSProfile, *, raw: bool = False
     ) -> Subscription:
-        """Listen to a topic; a defect of the callback stops the arm, and does not end the node.
-
-        Args:
-            kind: of the messages.
-            topic: where they come.
-            callback: takes them.
-            qos: unless it is overridden.
-            raw: whether it takes their bytes, see ``Health.reader``.
-            with_numbers: whether it takes pairs of a message and its info.
-        """
+        """Listen to a topic; a defect of the callback stops the arm, and does not end the node."""
         guarded = surviving(callback, self._on_defect)
-        if with_numbers:
-            guarded = paired(guarded)
         return self.create_subscription(kind, topic, guarded, **overridable(qos), raw=raw)
 
     def _on_defect(self, error: Exception) -> None:

@@ -64,9 +64,8 @@ def unheard(node: Node, subscription: Subscription) -> Why:
     for info in node.get_publishers_info_by_topic(topic):
         for mismatch in _mismatches(info.qos_profile, wanted):
             found.setdefault(mismatch, []).append(_name_of(info) or "a node")
-    if not found:  # one that was discovered a moment ago
-        return Why()
-    return incompatible(topic, node.get_fully_qualified_name(), found)
+    # none is found of one that was discovered a moment ago
+    return incompatible(topic, node.get_fully_qualified_name(), found) if found else Why()
 
 
 def incompatible(topic: str, reader: str, found: Mapping[tuple[str, str, str], list[str]]) -> Why:

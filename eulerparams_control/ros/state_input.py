@@ -106,7 +106,7 @@ class StateInput:
 
     def forget(self) -> None:
         """Forget the last state."""
-        self.measured: tuple[int, Array, Array] | None = None
+        self.measured: State | None = None
         self._last = b""  # the message
         self._moved: int | None = None  # stamp [ns] of the last one that moved uncommanded
         self.unanswered: Any = None
@@ -125,11 +125,7 @@ class StateInput:
         return self._reader.effort_from_ros(self._read(self._last))
 
     def take(self, data: bytes, number: int) -> Sequence[str]:
-        """Take a message at its bytes.
-
-        Args:
-            data: the message.
-            number: among those of its publisher.
+        """Take a message at its bytes, with its number among those of its publisher.
 
         Returns:
             The joints in it, if none of the arm is among them; else none.
@@ -188,22 +184,17 @@ class StateInput:
         if not self._marks or t - self._marks[-1][0] >= _SPAN * 1e9:
             self._marks.append((t, q))
 
-    def speeds(self) -> Array | None:
-        """Return how fast the joints are (n,) [rad/s or m/s]; None while that is not known."""
-        if self.measured is None or self._reader is None:
-            return None
-        t, q, dq = self.measured
-        if self._reader.has_velocity or self.repeats:  # who repeats a state waits for its answer
-            return dq
-        t_0, q_0 = self._marks[0]
-        span = (t - t_0) / 1e9
-        return self._limits.difference(q, q_0) / span if span >= _SPAN else None
-
     def motion(self, robot: Robot) -> str:
         """Return why the arm is not, or not known to be, at rest; "" if it is."""
-        speeds = self.speeds()
-        if speeds is None:
-            return "whether the arm is at rest is not known yet: joint_states has no velocities"
+        assert self.measured is not None
+        assert self._reader is not None
+        t, q, speeds = self.measured
+        if not (self._reader.has_velocity or self.repeats):  # a repeated state waits for its answer
+            t_0, q_0 = self._marks[0]
+            span = (t - t_0) / 1e9
+            if span < _SPAN:
+                return "whether the arm is at rest is not known yet: joint_states has no velocities"
+            speeds = self._limits.difference(q, q_0) / span
         i = int(np.abs(speeds).argmax())
         if abs(speeds[i]) <= MOVES:
             return ""
