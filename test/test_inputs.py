@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -31,6 +30,7 @@ from ros_processes import (
 from samples import about
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from test_sources import REAL, Started, an_arm, told
 from tolerances import RELATIVE, THROUGH_A_QUATERNION
 
 from eulerparams_control.control.clock import steady
@@ -50,25 +50,12 @@ from eulerparams_control.ros.wrench_input import WrenchInput
 MODEL = Robot(UR5.urdf, "base_link", "tool0")
 JOINTS = ("a", "b")
 NAN = math.nan
-REAL = {"use_sim_time": False}
 
 
 def goal(z: float = 0.1) -> DesiredFrame:
     """Return a pose above home."""
     p, R = pose(HOME)
     return DesiredFrame(p + [0.0, 0.0, z], R)
-
-
-def told(node: Any, condition: Callable[[Any], Any], step: Callable[[], Any]) -> Any:
-    """Step until a status of a node in real time meets a condition; return it."""
-    heard = node.peer.listen(DiagnosticArray, "/diagnostics")
-    for _ in range(3000):
-        step()
-        for status in (status for array in heard for status in array.status):
-            if status.name == node.name and condition(status):
-                return status
-        heard.clear()
-    raise AssertionError(f"it was not told\n{node.process.log}")
 
 
 # --- velocities ---------------------------------------------------------------------------------
@@ -111,7 +98,7 @@ def without_velocities(arm: Any) -> None:
 
 def states_of(needs_velocity: bool = False) -> Any:
     """Return an input of states, and what lets it take one."""
-    states = StateInput(RealTime())
+    states = StateInput(None, RealTime(), timeout=0.1, on_dispute=lambda _: None)
     states.expect(MODEL, needs_velocity)
     numbers = count(1)
 
@@ -149,10 +136,9 @@ def test_a_state_that_a_controller_refuses_does_not_end_the_silence():
         take(0.0, HOME, [0.0] * 6)
         now = 50.3
         take(0.3, HOME, [0.0] * 6)
-        assert states.silence() == 0.0
-        states.refused()
-        assert states.silence() == pytest.approx(0.3)
-        assert states.is_stale(0.1)
+        assert not states.is_stale
+        states.refused(SimpleNamespace(is_contested=False))
+        assert states.is_stale
     finally:
         steady.go_by()
 
@@ -214,7 +200,7 @@ def test_bytes_that_are_no_message_are_rejected_and_the_next_state_is_answered(w
 
 
 def test_joint_states_of_others_do_not_keep_those_of_the_arm_alive(world):
-    node = Controlled(world, "clik", {**FRAMES, **REAL})
+    node = Controlled(world, "clik", REAL)
     node.arm.tick()
 
     def others() -> None:
@@ -277,7 +263,7 @@ def test_a_controller_names_who_else_commands_its_arm(world):
 
 # --- rates --------------------------------------------------------------------------------------
 def test_at_8_hz_the_arm_is_held_and_what_helps_is_said(world):
-    node = Controlled(world, "clik", {**FRAMES, **REAL})
+    node = Controlled(world, "clik", REAL)
 
     def step() -> None:
         world.advance(0.125 - TICK)
@@ -297,7 +283,7 @@ def test_at_8_hz_the_arm_is_held_and_what_helps_is_said(world):
 
 # --- the wrench ---------------------------------------------------------------------------------
 def test_a_wrench_that_repeats_itself_while_the_arm_moves_is_not_believed(world):
-    node = Controlled(world, "impedance_control", {**FRAMES, **REAL})
+    node = Controlled(world, "impedance_control", REAL)
     arm = node.arm
     node.references.publish(reference(goal(0.2), times=(3.0,)))
     arm.ticks(500)
@@ -380,7 +366,7 @@ def test_a_wrench_whose_clock_was_set_counts_again_within_a_bounded_time(sensed)
 
 @pytest.mark.parametrize("jump", [-0.0505, -0.5])
 def test_a_wrench_counts_when_the_states_do_where_the_clock_of_both_was_set_back(world, jump):
-    node = Controlled(world, "impedance_control", {**FRAMES, **REAL})
+    node = Controlled(world, "impedance_control", REAL)
     arm, felt = node.arm, node.process.node._sensor
     arm.ticks(100)
     arm.t += round(jump * 1e9)
@@ -408,13 +394,10 @@ def moving(arm: Any, seconds: float, speed: float) -> None:
     [("clik", True), ("clik", False), ("dynamic_control", True), ("impedance_control", True)],
 )
 def test_an_arm_that_moves_is_not_activated_until_it_is_at_rest(world, executable, has_velocities):
-    arm = Controlled.ARMS[executable](world, UR5)
-    if arm.sensor is not None:
-        arm.sensor.noise = 1e-12
+    arm = an_arm(world, executable)
     if not has_velocities:
         without_velocities(arm)
-    process = world.start(executable, {**FRAMES, **REAL})
-    node = SimpleNamespace(name=executable, peer=world.peer, process=process)
+    node = Started(world, executable, arm)
     status = told(node, lambda s: "the arm moves" in s.message, lambda: moving(arm, 0.01, 0.06))
     words = "the arm moves, shoulder_pan_joint at 0.06 rad/s; expected at most 0.05: bring it to"
     assert words in status.message

@@ -100,7 +100,7 @@ def test_frames_wrench_and_stiffness_are_drawn_where_they_are_and_never_old(worl
 
 def on_tf(running):
     """Return the messages on /tf, as with tf2_msgs, which pip has not."""
-    report, frames = running.process.node._report, []
+    report, frames = running.process.node._health, []
     report._tf, report._frames = SimpleNamespace, SimpleNamespace(publish=frames.append)
     return frames
 
@@ -151,7 +151,7 @@ def test_a_view_that_fails_is_named_and_the_arm_is_controlled_on(world, what):
         raise ZeroDivisionError("planted")
 
     if what == "/tf":
-        node._report._frames.publish = fail
+        node._health._frames.publish = fail
     else:
         node._rviz.show = fail
     running.arm.ticks(50)

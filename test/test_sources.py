@@ -66,17 +66,26 @@ def go_on(arm: Any, seconds: float, *others: Callable[[], None], period: float =
             other()
 
 
-def says(node: Any, cause: str, mode: str, meanwhile: Callable[[], None]) -> Any:
-    """Return a status of a controller in real time with this cause, in this mode."""
+def told(node: Any, condition: Callable[[Any], Any], step: Callable[[], Any]) -> Any:
+    """Step until a status of a node in real time meets a condition; return it."""
     heard = node.peer.listen(DiagnosticArray, "/diagnostics")
     for _ in range(3000):
-        meanwhile()
+        step()
         for status in (status for array in heard for status in array.status):
-            found = values(status)
-            if (status.name, found["cause"], found["mode"]) == (node.name, cause, mode):
+            if status.name == node.name and condition(status):
                 return status
         heard.clear()
     raise AssertionError(f"it was not told\n{node.process.log}")
+
+
+def says(node: Any, cause: str, mode: str, step: Callable[[], Any]) -> Any:
+    """Return a status of a node in real time with this cause, in this mode."""
+
+    def is_said(status: Any) -> bool:
+        found = values(status)
+        return (found["cause"], found["mode"]) == (cause, mode)
+
+    return told(node, is_said, step)
 
 
 class Started:

@@ -107,6 +107,7 @@ class Scheme(ABC):
     """
 
     robot: Robot
+    parameters: Any  # ControlParameters
     is_frozen = False
     loop_rate = hold_rate = 0.0
     _q: Array  # (n,) where the tip has no error after a reset, or while it holds

@@ -1,5 +1,6 @@
-"""Reports of a control node: ~/pose, ~/desired, ~/error, ~/lyapunov and /diagnostics."""
+"""What a control node says of itself, and of its arm: ~/status, /diagnostics, ~/pose and more."""
 
+from collections.abc import Callable
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
@@ -30,138 +31,182 @@ from eulerparams_control.messages.to_ros import (
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.parameters.common import ControlParameters
-from eulerparams_control.ros import diagnostics
-from eulerparams_control.ros.publishers import names_of_publishers, publishers_of
+from eulerparams_control.ros.diagnostics import ERROR, OK, WARN, Health, Values
+from eulerparams_control.ros.publishers import names_of_publishers, rivals
 from eulerparams_control.ros.state_input import StateInput
 
-Values = dict[str, str | int | float]
 
-
-class ControlReport:
-    """The reports of a control node.
+class ControlReport(Health):
+    """The health of a control node, and what it publishes about its arm.
 
     Args:
         node: the node that reports.
-        health: of the node.
-        states: that the node answers.
-        on_tf: whether the frames are on /tf, too, where tf2_msgs is installed.
+        parameters: of the node; those that count here are fixed.
+
+    Attributes:
+        note: a warning that is shown with the state; Why() is none.
     """
 
-    def __init__(
-        self, node: Node, health: diagnostics.Health, states: StateInput, *, on_tf: bool
-    ) -> None:
-        self._node, self._health, self._states = node, health, states
-        self._next = 0
-        self._cut = self._restarts = 0  # of the controller, a second ago
-        self._said: Any = None
+    def __init__(self, node: Node, parameters: ControlParameters) -> None:
+        super().__init__(node)
+        rate = parameters.state_rate
+        self._period = int(1e9 / rate) if rate > 0 else 0  # of ~/pose and the like [ns]
+        self._next = 0  # when they are due [ns]
+        self._counted: Controller | None = None
+        self._cut = self._restarts = 0  # of that controller, a second ago
         self._began: int | None = None
-        self._note = Why()
+        self._shown: Tick | None = None
+        self.note = Why()
         self._pose = node.create_publisher(PoseStamped, "~/pose", 10)
         self._desired = node.create_publisher(MultiDOFJointTrajectory, "~/desired", 10)
         self._error = node.create_publisher(TwistStamped, "~/error", 10)
         self._lyapunov = node.create_publisher(Float64MultiArray, "~/lyapunov", 10)
         self._frames: Any = None
-        if on_tf and find_spec("tf2_msgs"):
+        if parameters.publish_tf and find_spec("tf2_msgs"):
             self._tf = import_module("tf2_msgs.msg").TFMessage
             self._frames = node.create_publisher(self._tf, "/tf", 100)
-        elif on_tf:
-            health.complain("publish_tf: tf2_msgs is not installed; no frames on /tf")
+        elif parameters.publish_tf:
+            self.complain("publish_tf: tf2_msgs is not installed; no frames on /tf")
 
-    def note(self, why: Why) -> None:
-        """Show a warning with the state from now on; Why() takes it back."""
-        self._note = why
-        self.forget()
+    # --- status --------------------------------------------------------------------------
 
-    def forget(self) -> None:
-        """Say the state again when it is said next, changed or not."""
-        self._said = None
+    def say(self, controller: Controller, states: StateInput) -> None:
+        """Say what the controller does, or why no state leads on."""
+        if states.stands and controller.state.is_led and not states.is_silent:
+            why, is_fault = states.standing(), not states.time.is_simulated
+            self.unanswered(Mode.HOLDING, why, level=ERROR if is_fault else WARN)
+        elif fault := states.dispute.fault:
+            why = states.dispute._replace(fault=f"{fault}: no commands")
+            self.unanswered(controller.mode, why)
+        else:
+            self.state(controller)
 
-    def activated(self) -> None:
-        """Count from now on."""
-        self._cut = self._restarts = 0
-        self.forget()
+    def unanswered(self, mode: Mode, why: Why, *, level: bytes = ERROR) -> None:
+        """Say why no state leads on."""
+        self.set(level, why.fault, why.remedy, mode=mode, cause=why.cause)
 
-    def once_a_second(self, controller: Controller, states_topic: str, topic: str) -> None:
-        """Complain of a motion that is more than the arm may do, of states that jump, of rivals.
+    def state(self, controller: Controller) -> None:
+        """Say what the controller does, or why it holds still, whatever the states say."""
+        now, scheme = controller.state, controller.scheme
+        mode, why, slowly, note = now.mode, now.why, controller.rate.why, self.note
+        cause = why.cause or note.cause
+        if why.fault:
+            self.set(ERROR, f"holding still: {why.fault}", now.remedy, mode=mode, cause=cause)
+            return
+        pressing = ", pressing with target_wrench" if scheme.is_pressing else ""
+        doing = f"active with {scheme.parameters.orientation}: {_doing(mode, why)}{pressing}"
+        near = _nearness(controller)
+        notes = doing, near, _slowed(controller), slowly.note, note.note
+        remedies = now.remedy, slowly.remedy, note.remedy
+        warns = bool(near or slowly.note or cause)
+        self.set(
+            WARN if warns else OK,
+            "; ".join(filter(None, notes)),
+            "; ".join(filter(None, remedies)) if warns else "",
+            mode=mode,
+            cause=cause,
+        )
 
-        Args:
-            controller: that is active.
-            states_topic: of joint_states.
-            topic: of the commands.
+    # --- /diagnostics --------------------------------------------------------------------
+
+    def once_a_second(self, controller: Controller, states: StateInput, commands: str) -> None:
+        """Complain of who else commands, of a motion that is too fast, of states that jump.
+
+        ``commands`` is the topic of the commands.
         """
-        several = self._node.count_publishers(topic) > 1
-        if several and len(rivals := publishers_of(self._node, topic)) > 1:
-            self._health.complain(
-                f"{listed(rivals)} publish {topic}: the arm obeys one at most; end "
+        if names := rivals(self._node, commands):
+            self.complain(
+                f"{listed(names)} publish {commands}: the arm obeys one at most; end "
                 "or deactivate the others",
                 error=True,
                 about="rivals",
             )
+        if controller is not self._counted:
+            self._counted, self._cut, self._restarts = controller, 0, 0
         cut, self._cut = controller.guidance.saturated - self._cut, controller.guidance.saturated
-        if cut > self._states.answers / 2:
-            self._health.complain(
+        if cut > states.answers / 2:
+            self.complain(
                 f"limits have changed {cut} commands of the last second: the motion is faster than "
                 "the arm may be, or the gains are too high",
                 about="limits",
             )
+        self.values["joint_states missed"] = controller.admission.period.missed
         resets = controller.resets
         again, self._restarts = resets - self._restarts, resets
         if again > 1 and not controller.rate.is_too_low:
-            names = names_of_publishers(self._node, states_topic)
+            names = names_of_publishers(self._node, states.subscription.topic_name)
             why = (
                 "is a computer too busy (then let the robot run at a lower rate, or a simulated "
                 "one in lock-step with use_sim_time), or was its clock set?"
             )
             if len(names) > 1:
                 why = "expected one robot."
-            self._health.complain(
+            self.complain(
                 f"joint_states have jumped {again} times in the last second: {why} They are "
                 f"published by {listed(names)}",
                 error=True,
                 about="restarts",
             )
 
-    def unanswered(self, mode: Mode, why: Why, *, is_fault: bool = True) -> None:
-        """Report why no state leads on; what the controller does is said again later."""
-        self.forget()
-        status = {"mode": mode.value, "cause": why.cause.value}
-        level = diagnostics.ERROR if is_fault else diagnostics.WARN
-        self._health.set(level, why.fault, why.remedy, **status)
+    def show(self, controller: Controller, more: Callable[[Tick], Values]) -> None:
+        """Show in /diagnostics what a controller has counted, and its last tick, if it is new.
 
-    def answered(self, controller: Controller, t: int, period: int, orientation: str) -> bool:
-        """Report what changed with the answer to a state; return whether its tick is due, too.
+        ``more`` returns what the scheme shows of a tick.
+        """
+        motion, tick = controller.guidance.motion, controller.guidance.of_law
+        self.values |= {
+            PACE: controller.guidance.scale.now,
+            SLOWED: motion.slowed,
+            FROZEN: int(controller.scheme.is_frozen),
+            "references ahead of joint_states [s]": motion.ahead,
+            "references that never began": motion.lost,
+            SATURATED: controller.guidance.saturated,
+        }
+        if tick is not None and tick is not self._shown:
+            self._shown = tick
+            self.values |= _values(controller, tick) | more(tick)
+
+    # --- the arm -------------------------------------------------------------------------
+
+    def answered(
+        self, controller: Controller, states: StateInput, stamp: Any, *, is_commanded: bool
+    ) -> None:
+        """Report what changed with the answer to a state, and the arm if that is due.
 
         Args:
             controller: that answered.
-            t: stamp of the state [ns].
-            period: of the reports of ticks [ns]; 0 for none.
-            orientation: the representation.
+            states: of the arm; the last one is meant.
+            stamp: of that, as it came.
+            is_commanded: whether the answer is a command.
         """
-        began = controller.guidance.motion.began
-        if began != self._began:  # who analyses a recording cannot know it else
-            self._began = began
-            if began is not None:
-                self._health.values[BEGAN] = began
-                self._health.publish()
-        self.state(controller, orientation)
-        if not period or self._next - period <= t < self._next:
-            return False
-        self._next = t + period
-        return True
+        guidance = controller.guidance
+        if guidance.motion.began != self._began:  # who analyses a recording cannot know it else
+            self._began = guidance.motion.began
+            if self._began is not None:
+                self.values[BEGAN] = self._began
+                self.publish()
+        self.state(controller)
+        assert states.measured is not None
+        t, q, dq = states.measured
+        if not self._period or self._next - self._period <= t < self._next:
+            return
+        self._next = t + self._period
+        stamp = Time(sec=stamp.sec, nanosec=stamp.nanosec)
+        is_asked = guidance.ticked == t and not controller.fault
+        tick = guidance.of_law if is_asked else None
+        if is_commanded:
+            self._publish_arm(controller, tick, q, dq, stamp)
+        if self._frames is not None and not states.dispute.fault:  # else: whose state is it?
+            self.attempt(lambda: self._publish_frames(controller, tick, q, dq, stamp), "/tf")
 
-    def arm(
-        self, controller: Controller, tick: Tick | None, q: Array, dq: Array, stamp: Any
+    def _publish_arm(
+        self, controller: Controller, tick: Tick | None, q: Array, dq: Array, stamp: Time
     ) -> None:
         """Publish the pose, and desired frame, error and Lyapunov function of a tick, if heard.
 
-        Args:
-            controller: that answered.
-            tick: of the law; None where it was not asked: the pose is the measured one then.
-            q, dq: (n,) measured.
-            stamp: of the state.
+        Without a tick the pose is that of the measured q, dq (n,).
         """
-        robot, stamp = controller.scheme.robot, Time(sec=stamp.sec, nanosec=stamp.nanosec)
-        frame = robot.base_frame
+        robot, frame = controller.scheme.robot, controller.scheme.robot.base_frame
         if self._pose.get_subscription_count():
             arm = robot.state(q, dq) if tick is None else tick.state
             self._pose.publish(pose_to_ros(arm.p_e, arm.R_e, stamp, frame))
@@ -178,19 +223,10 @@ class ControlReport:
             if lyapunov is not None:
                 self._lyapunov.publish(lyapunov_to_ros(*lyapunov))
 
-    def frames(
-        self, controller: Controller, tick: Tick | None, q: Array, dq: Array, stamp: Any
+    def _publish_frames(
+        self, controller: Controller, tick: Tick | None, q: Array, dq: Array, stamp: Time
     ) -> None:
-        """Publish on /tf where the arm is, and the other frames of a tick.
-
-        Args:
-            controller: that answered, with a command or without.
-            tick: of the law; None where it was not asked.
-            q, dq: (n,) measured.
-            stamp: of the state.
-        """
-        if self._frames is None:
-            return
+        """Publish on /tf where the arm is, and the other frames of a tick."""
         robot = controller.scheme.robot
         arm = robot.state(q, dq)
         frames = {"actual": DesiredFrame(arm.p_e, arm.R_e)}
@@ -198,59 +234,14 @@ class ControlReport:
             frames["desired"] = tick.desired
             if tick.command.frame is not None:
                 frames["compliant"] = tick.command.frame
-        name = self._node.get_fully_qualified_name().strip("/")  # two arms share /tf
-        found = [TransformStamped(child_frame_id=f"{name}/{which}") for which in frames]
-        for msg, frame in zip(found, frames.values(), strict=True):
-            msg.header.stamp = Time(sec=stamp.sec, nanosec=stamp.nanosec)
-            msg.header.frame_id = robot.base_frame
+        name, transforms = self._node.get_fully_qualified_name().strip("/"), []
+        for which, frame in frames.items():
+            msg = TransformStamped(child_frame_id=f"{name}/{which}")  # two arms share /tf
+            msg.header.stamp, msg.header.frame_id = stamp, robot.base_frame
             msg.transform.translation = vector_to_ros(frame.p_d)
             msg.transform.rotation = quaternion_to_ros(frame.R_d)
-        self._frames.publish(self._tf(transforms=found))
-
-    def counts(self, controller: Controller) -> Values:
-        """Return what a controller has counted, whether or not it moves."""
-        motion = controller.guidance.motion
-        return {
-            PACE: controller.guidance.scale.now,
-            SLOWED: motion.slowed,
-            FROZEN: int(controller.scheme.is_frozen),
-            "references ahead of joint_states [s]": motion.ahead,
-            "references that never began": motion.lost,
-            SATURATED: controller.guidance.saturated,
-        }
-
-    def show(self, controller: Controller, tick: Tick, parameters: ControlParameters) -> None:
-        """Show the values of a tick in /diagnostics."""
-        self._health.values.update(_values(controller, tick, parameters))
-
-    def state(self, controller: Controller, orientation: str) -> None:
-        """Report what the controller does, or why it holds still, if that has changed."""
-        pace, now = controller.guidance.pace, controller.state
-        rate, slowed = controller.guidance.scale.now, _slowed(controller)
-        mode, why = now.mode, now.why
-        near = pace.singularity, pace.limit, rate < 1
-        slowly, note = controller.rate.why, self._note
-        presses = controller.scheme.is_pressing
-        said = mode, why.cause, why.fault, why.note, now.latch, orientation, presses
-        saying = *said, slowed, slowly.note, *near
-        if saying == self._said:
-            return
-        self._said = saying
-        cause = why.cause or note.cause
-        status = {"mode": mode.value, "cause": cause.value}
-        if why.fault:
-            self._health.set(diagnostics.ERROR, f"holding still: {why.fault}", now.remedy, **status)
-            return
-        slow = _nearness(controller)
-        pressing = ", pressing with target_wrench" if presses else ""
-        doing = f"active with {orientation}: {_doing(mode, why)}{pressing}"
-        warns = bool(slow or slowly.note or cause)
-        self._health.set(
-            diagnostics.WARN if warns else diagnostics.OK,
-            "; ".join(filter(None, (doing, slow, slowed, slowly.note, note.note))),
-            "; ".join(filter(None, (now.remedy, slowly.remedy, note.remedy))) if warns else "",
-            **status,
-        )
+            transforms.append(msg)
+        self._frames.publish(self._tf(transforms=transforms))
 
 
 _DOING = {
@@ -293,12 +284,11 @@ def _nearness(controller: Controller) -> str:
     return slowed + " and ".join(words)
 
 
-def _values(controller: Controller, tick: Tick, parameters: ControlParameters) -> Values:
+def _values(controller: Controller, tick: Tick) -> Values:
     """Return what /diagnostics shows of a tick of any scheme."""
-    arm = tick.state
+    arm, parameters = tick.state, controller.scheme.parameters
     distance = parameters.representation().singularity_distance(tick.desired.R_d, arm.R_e)
-    pace, length = controller.guidance.pace, controller.scheme.robot.length
-    sigma = sigma_min(arm.J, length)
+    pace, sigma = controller.guidance.pace, sigma_min(arm.J, controller.scheme.robot.length)
     return {
         "orientation": parameters.orientation,
         "distance to representation singularity [rad]": distance,

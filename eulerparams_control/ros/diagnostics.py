@@ -38,6 +38,7 @@ class Health:
         node: the node that reports.
 
     Attributes:
+        message: what the state says.
         values: counters and values shown with the state.
         check: called once a second, before the state is published.
         gather: called each time before the state is published with its values.
@@ -47,7 +48,7 @@ class Health:
         self._node = node
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._status_publisher = node.create_publisher(DiagnosticStatus, "~/status", QOS_LATCHED)
-        self._level, self._message, self._remedy = WARN, "starting", ""
+        self._level, self.message, self._remedy = WARN, "starting", ""
         self._mode = self._cause = ""
         self._since = self._now
         self._is_logged = True  # the state; else one like it was, a moment ago
@@ -93,25 +94,25 @@ class Health:
             cause: why, for programs; "" if as it was asked to.
         """
         state = level, message, remedy, mode, cause
-        if state == (self._level, self._message, self._remedy, self._mode, self._cause):
+        if state == (self._level, self.message, self._remedy, self._mode, self._cause):
             return
-        if (mode, cause) != (self._mode, self._cause) or not mode:
+        if (mode, cause) != (self._mode, self._cause):
             self._since = self._now
             tell(Event.MODE, mode=mode, cause=cause)
-        is_new = (level, message) != (self._level, self._message)
-        self._level, self._message, self._remedy = level, message, remedy
+        is_new = (level, message) != (self._level, self.message)
+        self._level, self.message, self._remedy = level, message, remedy
         self._mode, self._cause = mode, cause
         if level == ERROR and is_new:
             self.count("faults")
             self.values["last fault"] = message
             self.values["last fault at [s]"] = self._now
         self._log()
-        self._status_publisher.publish(self._status(level, message, self._state()))
+        self._status_publisher.publish(self._status(level, message, {}))
         self.publish()
 
     def _log(self) -> None:
         """Log the state."""
-        level, message = self._level, self._message
+        level, message = self._level, self.message
         if level == OK:
             self._node.get_logger().info(message)
             self._is_logged = True
@@ -123,12 +124,7 @@ class Health:
     def complain(self, message: str, *, error: bool = False, about: str = "") -> bool:
         """Log a warning or an error, those about the same not more than every few seconds.
 
-        Return whether it was logged.
-
-        Args:
-            message: what to log.
-            error: whether it is an error.
-            about: what it is about; "" is the message itself.
+        Return whether it was logged.  ``about`` is what it is about; "" is the message itself.
         """
         now, key = steady.now(), about or message
         if now - self._logged.get(key, -_REPEAT_SECONDS) < _REPEAT_SECONDS:
@@ -159,10 +155,12 @@ class Health:
         self.complain(f"{what}: {error}", error=True, about=f"{topic} {kind_of(error)}")
         self.warn(what)
 
-    @property
-    def message(self) -> str:
-        """What the state says."""
-        return self._message
+    def attempt(self, show: Callable[[], None], what: str) -> None:
+        """Show something; a failure is logged, and does not end the node."""
+        try:
+            show()
+        except Exception as error:
+            self.complain(f"{defect(error)}, of {what}", error=True, about=what)
 
     def count(self, name: str) -> None:
         """Add one to a counter."""
@@ -170,34 +168,27 @@ class Health:
 
     def publish(self) -> None:
         """Publish the state now."""
-        try:
-            self.gather()
-        except Exception as error:  # what is shown must not end what controls
-            self.complain(f"{defect(error)}, of /diagnostics", error=True, about="gather")
-        level, message = self._level, self._message
+        self.attempt(self.gather, "/diagnostics")
+        level, message = self._level, self.message
         passing = sorted(text for text, until in self._passing.items() if steady.now() < until)
         if level == OK and passing:
             level, message = WARN, "; ".join([message, *passing])
-        msg = DiagnosticArray(status=[self._status(level, message, self._state() | self.values)])
+        msg = DiagnosticArray(status=[self._status(level, message, self.values)])
         msg.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(msg)
 
-    def _state(self) -> Values:
-        """Return what programs read of the state."""
-        return {
+    def _status(self, level: bytes, message: str, more: Values) -> DiagnosticStatus:
+        values = {
             MODE: self._mode,
             CAUSE: self._cause,
             SINCE: f"{self._since:.9f}",
             REMEDY: self._remedy,
         }
-
-    def _status(self, level: bytes, message: str, values: Values) -> DiagnosticStatus:
         return DiagnosticStatus(
             level=level,
             name=self._node.get_fully_qualified_name().lstrip("/"),
             message=message,
-            hardware_id="",
-            values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()],
+            values=[KeyValue(key=k, value=_text(value)) for k, value in (values | more).items()],
         )
 
 

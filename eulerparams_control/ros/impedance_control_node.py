@@ -232,7 +232,7 @@ class ImpedanceControlNode(ControlNode):
             why = AT_ITS_END if scheme.is_at_its_end else Why()
         if why != self._note_on_wrench:
             self._note_on_wrench = why
-            self.note(why)
+            self._health.note = why
 
     def doubt(self) -> Why:
         """Return why it is not known whose messages come; Why() if it is, or will be soon."""

@@ -16,20 +16,17 @@ from rclpy.subscription import Subscription
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.guidance import ControllerOptions
 from eulerparams_control.control.mode import REPORT_IT, Why
-from eulerparams_control.errors import (
-    ConfigurationError,
-    EulerParamsError,
-    defect,
-)
+from eulerparams_control.errors import ConfigurationError, EulerParamsError, defect
 from eulerparams_control.events import Event, tell
 from eulerparams_control.laws.scheme import Scheme
 from eulerparams_control.messages.keys import Lifecycle
 from eulerparams_control.messages.keys import LifecycleCause as Cause
 from eulerparams_control.parameters.common import ControlParameters
-from eulerparams_control.parameters.schemes import TORQUE, SchemeInfo
+from eulerparams_control.parameters.schemes import TORQUE
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.commands import CommandPublisher, Commands
-from eulerparams_control.ros.diagnostics import ERROR, OK, WARN, Health
+from eulerparams_control.ros.control_report import ControlReport
+from eulerparams_control.ros.diagnostics import ERROR, OK, WARN, Values
 from eulerparams_control.ros.ending import Ending
 from eulerparams_control.ros.guards import (
     keep_sim_time,
@@ -37,7 +34,6 @@ from eulerparams_control.ros.guards import (
     survive_wrong_transitions,
     surviving,
 )
-from eulerparams_control.ros.message_info import with_info
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.qos import QOS_STREAM, overridable
 from eulerparams_control.ros.real_time import claim
@@ -51,30 +47,25 @@ class ManagedNode(LifecycleNode):
     parameters_type: type[Any] = ControlParameters
 
     def __init__(self) -> None:
-        self.interface: SchemeInfo = self.parameters_type.scheme
-        super().__init__(self.interface.name)
+        super().__init__(self.parameters_type.scheme.name)
         self.done = False
-        self._health = Health(self)
-        self._params = declare(self, self.parameters_type, self._on_change)
-        refuse_unless_simulated(self, self._params)
-        claim(self._params, self._health)
+        p = self._params = declare(self, self.parameters_type, self._on_change)
+        self._health = ControlReport(self, p)
+        refuse_unless_simulated(self, p)
+        claim(p, self._health)
         self._robot: Robot | None = None
         self._controller: Controller | None = None
-        self._description = self._params.robot_description
+        self._description = p.robot_description
         self.time = RosTime(self)
-        self._input = StateInput(self.time)
+        timeout, on_dispute = p.state_timeout, self._on_dispute
+        self._input = StateInput(self, self.time, timeout, on_dispute)
         self._stamp = Time()  # of the last command
-        self._autostart = self._params.autostart
-        self._ending = Ending(self._is_followed, self._release)
+        self._autostart = p.autostart
+        self._ending = Ending(lambda: self._input.is_followed, self._release)
         keep_sim_time(self, lambda: self._params)
-        waiting = "waiting for a robot description"
-        self._tell(OK, waiting, Lifecycle.UNCONFIGURED, Cause.NO_DESCRIPTION)
+        waiting, mode = "waiting for a robot description", Lifecycle.UNCONFIGURED
+        self._health.set(OK, waiting, mode=mode, cause=Cause.NO_DESCRIPTION)
         survive_wrong_transitions(self, self._health)
-
-    def _tell(
-        self, level: bytes, message: str, mode: Lifecycle, cause: Cause | str = "", remedy: str = ""
-    ) -> None:
-        self._health.set(level, message, remedy, mode=mode.value, cause=str(cause))
 
     def make_scheme(self, robot: Robot) -> Scheme:
         """Return the scheme for a robot, from the parameters; raises ConfigurationError."""
@@ -87,22 +78,18 @@ class ManagedNode(LifecycleNode):
 
     def make_commands(self, joints: tuple[str, ...]) -> Commands:
         """Return the publisher of the scheme's commands."""
-        kind = self._params.command_type
-        return CommandPublisher(self, self.interface.command, kind, joints, QOS_STREAM)
+        p = self._params
+        return CommandPublisher(self, p.scheme.command, p.command_type, joints, QOS_STREAM)
 
     def doubt(self) -> Why:
-        """Return why it is not known whose joint_states come; Why() if it is, or will be soon."""
-        return Why()
-
-    def believes(self) -> bool:
-        """Return whether joint_states are believed to be the arm's."""
-        return True
+        """Return why it is not known whose messages come; Why() if it is, or will be soon."""
+        return self._input.doubt()
 
     def refusal(self) -> str:
         """Return why the arm must not be controlled yet; "" if it may."""
         return self._input.motion(self._robot) if self._robot else ""
 
-    def values_now(self) -> dict[str, str | int | float]:
+    def values_now(self) -> Values:
         """Return what /diagnostics shows once a second, whether there are ticks or not."""
         return {}
 
@@ -114,13 +101,28 @@ class ManagedNode(LifecycleNode):
     def _deactivated(self) -> None:
         """Listen to references no more."""
 
-    @abstractmethod
-    def _changed(self) -> None:
-        """Say what the controller does again: parameters were changed."""
+    def _fail(
+        self, text: str, mode: Lifecycle, cause: str = Cause.REFUSED, remedy: str = ""
+    ) -> TransitionCallbackReturn:
+        """Say what is wrong while nothing is controlled."""
+        self._health.set(ERROR, text, remedy, mode=mode, cause=cause)
+        return TransitionCallbackReturn.FAILURE
 
-    @abstractmethod
-    def _say(self) -> None:
-        """Report what the controller does, if that has changed."""
+    def _fail_for(self, why: Why) -> TransitionCallbackReturn:
+        text = f"not activated: {why.fault}"
+        return self._fail(text, Lifecycle.INACTIVE, why.cause, why.remedy)
+
+    def _on_dispute(self, dispute: Why) -> None:
+        """Command nothing while two publish the states of the arm, and say so."""
+        if self._controller is None:
+            if dispute.fault:
+                self._fail_for(dispute)
+            return
+        if dispute.fault:
+            self._controller.distrust(dispute)
+        else:
+            self._controller.trust()
+        self._health.say(self._controller, self._input)
 
     # --- parameters --------------------------------------------------------------------
 
@@ -137,7 +139,6 @@ class ManagedNode(LifecycleNode):
                 changed = [name for name, now in asdict(new).items() if now != getattr(old, name)]
                 text = ", ".join(f"{name} {getattr(new, name)}" for name in changed)
                 self.get_logger().info(f"changed: {text}")
-                self._changed()
             elif self._robot is not None:
                 # refuses now what activation would refuse
                 self.make_scheme(self._robot)
@@ -162,26 +163,27 @@ class ManagedNode(LifecycleNode):
         except EulerParamsError as error:
             return self._fail(f"not configured: {error}", Lifecycle.UNCONFIGURED)
         self._robot = robot
-        needs_velocity = self.interface.control == TORQUE and self._params.commands_joints
-        self._input.expect(robot, needs_velocity)
+        p = self._params
+        self._input.expect(robot, p.scheme.control == TORQUE and p.commands_joints)
         self._commands = self.make_commands(robot.joints)
-        waiting = "configured, waiting for joint_states"
-        self._tell(OK, waiting, Lifecycle.INACTIVE, Cause.NO_STATES)
+        waiting, mode = "configured, waiting for joint_states", Lifecycle.INACTIVE
+        self._health.set(OK, waiting, mode=mode, cause=Cause.NO_STATES)
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin at the measured pose with zero error."""
-        measured, robot, p = self._input.measured, self._robot, self._params
+        measured, robot = self._input.measured, self._robot
+        assert robot is not None
         if (why := self.doubt()).fault:
-            return self._fail(f"not activated: {why.fault}", Lifecycle.INACTIVE, why)
-        if measured is None or robot is None:
-            expected = ", ".join(robot.joints) if robot else ""
-            text = f"not activated: no valid joint_states yet; expected the joints {expected}"
+            return self._fail_for(why)
+        if measured is None:
+            joints = ", ".join(robot.joints)
+            text = f"not activated: no valid joint_states yet; expected the joints {joints}"
             return self._fail(text, Lifecycle.INACTIVE, Cause.NO_STATES)
         self.time.look()
         try:
             self._refuse_while_ending()
-            if not self.time.is_simulated and self._input.is_stale(p.state_timeout):
+            if not self.time.is_simulated and self._input.is_stale:
                 raise ConfigurationError("joint_states has stopped; is the robot running?")
             if reason := self.refusal():
                 raise ConfigurationError(reason)
@@ -189,34 +191,27 @@ class ManagedNode(LifecycleNode):
         except EulerParamsError as error:
             self._health.values.update(self.values_now())
             return self._fail(f"not activated: {error}", Lifecycle.INACTIVE)
-        options = ControllerOptions.of(p)
+        options = ControllerOptions.of(self._params)
         self._controller = Controller(scheme, options, measured[1], self._input.efforts)
         self._activated()
         tell(Event.READY)
         return TransitionCallbackReturn.SUCCESS
 
-    def _fail(
-        self, text: str, mode: Lifecycle, cause: Cause | Why = Cause.REFUSED
-    ) -> TransitionCallbackReturn:
-        why = cause if isinstance(cause, Why) else Why()
-        self._tell(ERROR, text, mode, why.cause or str(cause), why.remedy)
-        return TransitionCallbackReturn.FAILURE
-
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Bring the arm to rest, also after this has returned, then command nothing."""
-        self._end_control(lambda: self._tell(WARN, "inactive", Lifecycle.INACTIVE))
+        self._end_control(lambda: self._health.set(WARN, "inactive", mode=Lifecycle.INACTIVE))
         return TransitionCallbackReturn.SUCCESS
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Bring the arm to rest, then command nothing until configured again."""
         self._end_control(self._forget_robot)
         text = "an error in a transition: unconfigured"
-        self._tell(ERROR, text, Lifecycle.UNCONFIGURED, Cause.TRANSITION_ERROR)
+        self._fail(text, Lifecycle.UNCONFIGURED, Cause.TRANSITION_ERROR)
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Bring the arm to rest, also after this has returned, then never command again."""
-        self._end_control(lambda: self._tell(WARN, "shut down", Lifecycle.FINALIZED))
+        self._end_control(lambda: self._health.set(WARN, "shut down", mode=Lifecycle.FINALIZED))
         return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -236,15 +231,11 @@ class ManagedNode(LifecycleNode):
         if self._controller is not None:
             raise ConfigurationError("the arm is still being brought to rest; try again then")
 
-    def _is_followed(self) -> bool:
-        """Whether the arm still tells its state."""
-        return self._input.is_followed(self._params.state_timeout)
-
     def _release(self) -> None:
         """Send the command after which none follows; not to a robot that is not heard."""
-        controller = self._controller
+        controller, is_followed = self._controller, self._input.is_followed
         try:
-            if controller and self._is_followed() and (command := controller.last_command()):
+            if controller and is_followed and (command := controller.last_command()):
                 self._commands.publish(self._stamp, command)
         except Exception as error:  # then none is safe: the robot has to brake itself
             self._health.complain(f"no last command: {defect(error)}", error=True)
@@ -272,45 +263,27 @@ class ManagedNode(LifecycleNode):
             self.trigger_configure()
         if self._robot is not None and self._input.measured is not None:
             if (why := self.doubt()).fault:
-                text = f"not activated: {why.fault}"
-                self._tell(ERROR, text, Lifecycle.INACTIVE, why.cause, why.remedy)
-            elif not self.believes():
+                self._fail_for(why)
+            elif not self._input.are_believed():
                 pass  # a second look at who publishes the states comes first
             elif reason := self.refusal():
-                self._tell(WARN, f"not activated yet: {reason}", Lifecycle.INACTIVE, Cause.REFUSED)
+                text, mode = f"not activated yet: {reason}", Lifecycle.INACTIVE
+                self._health.set(WARN, text, mode=mode, cause=Cause.REFUSED)
             else:
                 self.trigger_activate()
 
     def listen(
-        self,
-        kind: Any,
-        topic: str,
-        callback: Any,
-        qos: QoSProfile,
-        *,
-        raw: bool = False,
-        with_numbers: bool = False,
+        self, kind: Any, topic: str, callback: Any, qos: QoSProfile, *, raw: bool = False
     ) -> Subscription:
-        """Listen to a topic.
-
-        Args:
-            kind: of the messages.
-            topic: where they come.
-            callback: takes them.
-            qos: unless it is overridden.
-            raw: whether it takes their bytes, see ``Health.reader``.
-            with_numbers: whether it takes a message and its info.
-        """
+        """Listen to a topic; a defect of the callback stops the arm, and does not end the node."""
         guarded = surviving(callback, self._on_defect)
-        if with_numbers:
-            guarded = with_info(guarded)
         return self.create_subscription(kind, topic, guarded, **overridable(qos), raw=raw)
 
     def _on_defect(self, error: Exception) -> None:
         """Hold still after an error that nobody expected."""
         if self._controller is None:
             mode = Lifecycle.INACTIVE if self._robot else Lifecycle.UNCONFIGURED
-            self._tell(ERROR, defect(error), mode, Cause.DEFECT, REPORT_IT)
+            self._fail(defect(error), mode, Cause.DEFECT, REPORT_IT)
         else:
             self._controller.fail_for_good(error)
-            self._say()
+            self._health.say(self._controller, self._input)

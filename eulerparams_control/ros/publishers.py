@@ -13,6 +13,12 @@ from eulerparams_control.errors import InvalidMessageError, listed
 # How the graph calls a node whose name it has not learnt yet.
 UNKNOWN_NAME = "_NODE_NAME_UNKNOWN_"
 
+# What is offered, and what is asked for, where nothing is received.
+_LESS = {
+    "reliability": (ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE),
+    "durability": (DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL),
+}
+
 
 def names_of_publishers(node: Node, topic: str) -> list[str]:
     """Return the full name of the node of each publisher on a topic; "" if it is not known yet."""
@@ -25,25 +31,27 @@ def _name_of(info: TopicEndpointInfo) -> str:
     return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
 
 
-def publishers_of(node: Node, topic: str) -> set[str]:
-    """Return the full names of the nodes that publish on a topic, as far as they are known."""
-    return set(names_of_publishers(node, topic)) - {""}
+def rivals(node: Node, topic: str) -> list[str]:
+    """Return the full names of the nodes that publish on a topic, if they are several; else none.
+
+    A node that was killed stays in the graph for some 20 s; its successor has its name, and is for
+    a moment without one.
+    """
+    if node.count_publishers(topic) < 2:
+        return []
+    names = sorted({*names_of_publishers(node, topic)} - {""})
+    return names if len(names) > 1 else []
 
 
 def refuse_two_publishers(node: Node, subscription: Subscription | None) -> None:
     """Raise InvalidMessageError, naming them, if nodes of two names publish what is taken.
 
-    One whose QoS does not match counts, too.  A node that was killed stays in the graph for some
-    20 s; its successor has its name, and is for a moment without one.
+    One whose QoS does not match counts, too.
     """
-    if subscription is None or node.count_publishers(subscription.topic_name) < 2:
-        return
-    topic = subscription.topic_name
-    names = publishers_of(node, topic)
-    if len(names) > 1:
+    if subscription is not None and (names := rivals(node, subscription.topic_name)):
         raise InvalidMessageError(
-            f"two publishers on '{topic.lstrip('/')}': {', '.join(sorted(names))}; expected one; "
-            "end the other (one that was killed is gone after some 20 s)"
+            f"two publishers on '{subscription.topic_name.lstrip('/')}': {', '.join(names)}; "
+            "expected one; end the other (one that was killed is gone after some 20 s)"
         )
 
 
@@ -56,9 +64,8 @@ def unheard(node: Node, subscription: Subscription) -> Why:
     for info in node.get_publishers_info_by_topic(topic):
         for mismatch in _mismatches(info.qos_profile, wanted):
             found.setdefault(mismatch, []).append(_name_of(info) or "a node")
-    if not found:  # one that was discovered a moment ago
-        return Why()
-    return incompatible(topic, node.get_fully_qualified_name(), found)
+    # none is found of one that was discovered a moment ago
+    return incompatible(topic, node.get_fully_qualified_name(), found) if found else Why()
 
 
 def incompatible(topic: str, reader: str, found: Mapping[tuple[str, str, str], list[str]]) -> Why:
@@ -84,13 +91,7 @@ def incompatible(topic: str, reader: str, found: Mapping[tuple[str, str, str], l
 
 def _mismatches(offered: QoSProfile, asked: QoSProfile) -> Iterator[tuple[str, str, str]]:
     """Yield the policies in which less is offered than asked: name, offered, asked."""
-    if (offered.reliability, asked.reliability) == (
-        ReliabilityPolicy.BEST_EFFORT,
-        ReliabilityPolicy.RELIABLE,
-    ):
-        yield "reliability", offered.reliability.short_key, asked.reliability.short_key
-    if (offered.durability, asked.durability) == (
-        DurabilityPolicy.VOLATILE,
-        DurabilityPolicy.TRANSIENT_LOCAL,
-    ):
-        yield "durability", offered.durability.short_key, asked.durability.short_key
+    for policy, less in _LESS.items():
+        both = getattr(offered, policy), getattr(asked, policy)
+        if both == less:
+            yield policy, both[0].short_key, both[1].short_key

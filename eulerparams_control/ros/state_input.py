@@ -1,20 +1,25 @@
-"""The newest joint_states: read, aged, counted, and answered once."""
+"""The newest joint_states: read, aged, counted, answered once; and whose they are."""
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from statistics import quantiles
 from typing import Any
 
 import numpy as np
+from rclpy.node import Node
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 
+from eulerparams_control.control.admission import Admission
 from eulerparams_control.control.clock import steady
-from eulerparams_control.errors import InvalidMessageError
+from eulerparams_control.control.mode import NO_STATES, Why, contested, replaced, stuck
+from eulerparams_control.errors import InvalidMessageError, listed
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.messages.from_ros import JointStateReader, ns_from_ros
 from eulerparams_control.messages.joint_states import JointStateBytes
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.message_info import deserialized
+from eulerparams_control.ros.publishers import names_of_publishers, unheard
 from eulerparams_control.ros.ros_time import RosTime
 from eulerparams_control.ros.senders import Source
 
@@ -46,13 +51,18 @@ State = tuple[int, Array, Array]
 
 
 class StateInput:
-    """Takes joint_states, and knows whether they still come.
+    """Takes joint_states, and knows whether they still come, and whose they are.
 
     Args:
+        node: that listens to them.
         time: of the node: whether it is simulated.
+        timeout: [s] of silence, unless the states come more seldom.
+        on_dispute: called when ``dispute`` has changed.
 
     Attributes:
+        subscription: by which they come.
         source: who is believed to publish them.
+        dispute: why it is not known who does; Why() if it is.
         measured: stamp [ns], q, dq (n,) of the last valid ones; None before the first.
         unanswered: their stamp as it came; None when they are answered.
         came: when the last valid ones came, steady clock [s].
@@ -62,11 +72,17 @@ class StateInput:
         answers: how many states were answered between the last two readings.
     """
 
-    def __init__(self, time: RosTime) -> None:
-        self._time = time
+    subscription: Subscription
+
+    def __init__(
+        self, node: Node, time: RosTime, timeout: float, on_dispute: Callable[[Why], None]
+    ) -> None:
+        self._node, self._timeout, self._on_dispute = node, timeout, on_dispute
+        self.time = time
         self._reader: JointStateReader | None = None
         self._bytes: JointStateBytes | None = None  # like those of the last valid ones
-        self.source = Source()
+        self.source, self.dispute = Source(), Why()
+        self._rivals: list[str] = []  # the names of who publish them, in a dispute
         self.came = self._stood = 0.0  # the latter: since when their stamp is the same
         self.receipt: float | None = None
         self._latencies: deque[float] = deque(maxlen=_REMEMBERED)
@@ -82,13 +98,14 @@ class StateInput:
 
     def forget(self) -> None:
         """Forget the last state."""
-        self.measured: tuple[int, Array, Array] | None = None
+        self.measured: State | None = None
         self._last = b""  # the message
         self._moved: int | None = None  # stamp [ns] of the last one that moved uncommanded
         self.unanswered: Any = None
         self.is_commanded = self.repeats = False
         self._marks: deque[tuple[int, Array]] = deque(maxlen=2)  # stamps [ns] and q (n,)
         self._answered = self._before = 0.0  # when those came that were answered last [s]
+        self._period = 0.0  # the usual one [s], as far as it is known
 
     @property
     def efforts(self) -> Array | None:
@@ -103,11 +120,7 @@ class StateInput:
             return None  # it has none that can be used
 
     def take(self, data: bytes, number: int) -> Sequence[str]:
-        """Take a message at its bytes.
-
-        Args:
-            data: the message.
-            number: among those of its publisher.
+        """Take a message at its bytes, with its number among those of its publisher.
 
         Returns:
             The joints in it, if none of the arm is among them; else none.
@@ -115,6 +128,13 @@ class StateInput:
         Raises:
             InvalidMessageError: if it is broken, or its publisher is not the one that is believed.
         """
+        try:
+            return self._take(data, number)
+        finally:
+            if self.source.is_disputed is not bool(self.dispute.fault):
+                self.review_dispute()
+
+    def _take(self, data: bytes, number: int) -> Sequence[str]:
         now, last, reader = steady.now(), self.measured, self._reader
         assert reader is not None
         found = None if self._bytes is None else self._bytes.read(data)
@@ -144,7 +164,7 @@ class StateInput:
         if not reader.has_velocity:
             self._mark(t, q)
         self._before, self.came = self.came, now
-        self.receipt = None if self._time.is_simulated else now
+        self.receipt = None if self.time.is_simulated else now
         return ()
 
     def _contradict(self, one: State, other: State) -> bool:
@@ -160,22 +180,17 @@ class StateInput:
         if not self._marks or t - self._marks[-1][0] >= _SPAN * 1e9:
             self._marks.append((t, q))
 
-    def speeds(self) -> Array | None:
-        """Return how fast the joints are (n,) [rad/s or m/s]; None while that is not known."""
-        if self.measured is None or self._reader is None:
-            return None
-        t, q, dq = self.measured
-        if self._reader.has_velocity or self.repeats:  # who repeats a state waits for its answer
-            return dq
-        t_0, q_0 = self._marks[0]
-        span = (t - t_0) / 1e9
-        return self._limits.difference(q, q_0) / span if span >= _SPAN else None
-
     def motion(self, robot: Robot) -> str:
         """Return why the arm is not, or not known to be, at rest; "" if it is."""
-        speeds = self.speeds()
-        if speeds is None:
-            return "whether the arm is at rest is not known yet: joint_states has no velocities"
+        assert self.measured is not None
+        assert self._reader is not None
+        t, q, speeds = self.measured
+        if not (self._reader.has_velocity or self.repeats):  # a repeated state waits for its answer
+            t_0, q_0 = self._marks[0]
+            span = (t - t_0) / 1e9
+            if span < _SPAN:
+                return "whether the arm is at rest is not known yet: joint_states has no velocities"
+            speeds = self._limits.difference(q, q_0) / span
         i = int(np.abs(speeds).argmax())
         if abs(speeds[i]) <= MOVES:
             return ""
@@ -185,37 +200,110 @@ class StateInput:
             f"{MOVES:g}: bring it to rest"
         )
 
-    def refused(self) -> None:
-        """Take the last state for one that never came."""
+    def refused(self, admission: Admission) -> None:
+        """Take the last state, which was not admitted, for one that never came."""
         self.came = self._before
+        self._see_contest(admission)
 
-    def answered(self, *, is_commanded: bool) -> None:
+    def answered(self, admission: Admission, *, is_commanded: bool) -> None:
         """Count the answer to the last state, which may be that nothing is commanded."""
-        self._answered = self.came
+        self._answered, self._period = self.came, admission.period.seconds
         if is_commanded:
             self.is_commanded = True
             self._latencies.append(steady.now() - self.came)
+        self._see_contest(admission)
+
+    def _see_contest(self, admission: Admission) -> None:
+        """See two publishers by states that contradict each other, where they are not numbered."""
+        if admission.is_contested and not self.source.is_numbered and self._has_several():
+            self.source.contradict(steady.now())
+            self.review_dispute()
+
+    # --- whether they come -----------------------------------------------------------------
 
     @property
-    def standing(self) -> float:
-        """For how long [s] states came under one stamp."""
-        return self.came - self._stood
+    def timeout(self) -> float:
+        """After which silence [s] they have stopped: not before the next one is due.
 
-    def silence(self) -> float:
-        """Return how long no valid ones came [s]."""
-        return steady.now() - self.came
+        Simulated time may stop for a while.
+        """
+        timeout = max(self._timeout, 2 * self._period)
+        return max(timeout, _SIMULATION_STANDS) if self.time.is_simulated else timeout
 
-    def timeout(self, timeout: float, is_simulated: bool) -> float:
-        """Return after which silence [s] they have stopped; simulated time may stop."""
-        return max(timeout, _SIMULATION_STANDS) if is_simulated else timeout
+    @property
+    def is_silent(self) -> bool:
+        """Whether they have stopped."""
+        return steady.now() - self.came > self.timeout
 
-    def is_stale(self, timeout: float) -> bool:
-        """Return whether the last valid ones are not of now."""
-        return self.silence() > max(timeout, _FRESH)
+    @property
+    def is_stale(self) -> bool:
+        """Whether the last valid ones are not of now."""
+        return steady.now() - self.came > max(self._timeout, _FRESH)
 
-    def is_followed(self, timeout: float) -> bool:
-        """Return whether a robot that was commanded still tells its state."""
-        return self.is_commanded and steady.now() - self._answered <= max(timeout, _FRESH)
+    @property
+    def is_followed(self) -> bool:
+        """Whether a robot that was commanded still tells its state."""
+        return self.is_commanded and steady.now() - self._answered <= max(self._timeout, _FRESH)
+
+    @property
+    def stands(self) -> bool:
+        """Whether states come and are answered, but under one stamp.
+
+        A robot in lock-step may wait so while its controller waits for a reference.
+        """
+        return self.is_commanded and self.came - self._stood > self.timeout
+
+    def standing(self) -> Why:
+        """Return why there is no time to move by, where time stands."""
+        t = self.measured[0] if self.measured is not None else 0
+        return stuck(f"joint_states come, but their stamp stays at {t / 1e9:g} s")
+
+    def silent(self) -> Why:
+        """Return why nothing is commanded, where they have stopped."""
+        return NO_STATES._replace(
+            fault=f"no valid joint_states within {self.timeout:g} s: no commands; is the robot "
+            "running?"
+        )
+
+    # --- whose they are --------------------------------------------------------------------
+
+    def doubt(self) -> Why:
+        """Return why it is not known whose they are; Why() if it is, or will be soon."""
+        return self.dispute if self.dispute.fault else unheard(self._node, self.subscription)
+
+    def are_believed(self) -> bool:
+        """Return whether they are believed to be the arm's, after a look at who publishes them."""
+        return self.source.look(steady.now(), self._has_several)
+
+    def _has_several(self) -> bool:
+        return bool(self._node.count_publishers(self.subscription.topic_name) > 1)
+
+    def accept(self) -> None:
+        """Believe the publisher that a dispute has left; raises InvalidMessageError if two do."""
+        self.source.accept(steady.now())
+        self.review_dispute()
+        self.refuse_in_dispute()
+
+    def refuse_in_dispute(self) -> None:
+        """Raise InvalidMessageError while it is not known whose they are."""
+        if self.dispute.fault:
+            raise InvalidMessageError(f"{self.dispute.fault}; {self.dispute.remedy}")
+
+    def review_dispute(self) -> None:
+        """Look again who publishes them, if that is in dispute."""
+        before, self.dispute = self.dispute, Why()
+        if self.source.is_disputed:
+            names = names_of_publishers(self._node, self.subscription.topic_name)
+            if not before.fault or len(names) >= len(self._rivals):  # who has ended is named still
+                self._rivals = names
+            if self.source.is_contested:
+                self.dispute = contested(listed(self._rivals))
+            else:
+                self.dispute = replaced(listed(names))
+        if self.dispute != before:
+            self._on_dispute(self.dispute)
+
+    # --- figures ---------------------------------------------------------------------------
 
     def read(self) -> dict[str, Any]:
         """Return the figures since it was read last, and start again."""
