@@ -22,7 +22,7 @@ from eulerparams_control.bags.ros.recorder_node import RecorderParameters
 from eulerparams_control.command_line import executables
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.parameters.fields import from_mapping
-from eulerparams_control.parameters.schemes import schemes
+from eulerparams_control.parameters.schemes import COMMANDS, schemes
 from eulerparams_control.parameters.watchdog import WatchdogParameters
 from eulerparams_control.resources import config_names
 from eulerparams_control.ros.arm_launch import load_arm
@@ -133,7 +133,8 @@ def test_a_launch_file_names_what_is_there(launched, file, controller):
             assert given["command_type"] == "none"
             assert given["wrench_sign"] == (-1 if file == "franka" else 1)
         for topic, _ in node.remappings:
-            assert topic in (FEEDBACK, UPDATE) or f'"{topic}"' in sources(), topic
+            is_known = topic in (FEEDBACK, UPDATE, *COMMANDS.values())
+            assert is_known or f'"{topic}"' in sources(), topic
 
 
 @pytest.mark.parametrize("file", TAKES)
