@@ -17,8 +17,11 @@ from ros_processes import (
     FRAMES,
     HOME,
     MODEL,
+    UR5,
+    Arm,
     Array,
     Controlled,
+    TorqueArm,
     assert_holds,
     assert_may_stay,
     pose,
@@ -28,6 +31,7 @@ from ros_processes import (
 from samples import rodrigues
 from sensor_msgs.msg import JointState
 from tolerances import LAW_IN_A_NODE, SIMULATED_POSE
+from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.control.admission import AT_REST
 from eulerparams_control.control.mode import stuck
@@ -369,6 +373,47 @@ def test_a_transition_that_ends_control_lets_the_arm_be_braked_after_it_has_retu
         node.arm.dq = np.zeros(6)
         node.arm.send_next(20)
         assert node.peer.change_state(node.name, "activate")
+
+
+@pytest.mark.parametrize("executable", ["clik", "dynamic_control"])
+def test_an_arm_whose_states_wait_for_their_references_is_braked_too_where_none_comes_any_more(
+    world, executable
+):
+    arm = {"clik": Arm, "dynamic_control": TorqueArm}[executable](world, UR5)
+    world.start(executable, FRAMES | {"reference_pairing": "stamp"})
+    references = world.peer.publisher(MultiDOFJointTrajectory, "/reference")
+    statuses = world.peer.listen(DiagnosticStatus, f"/{executable}/status", latched=True)
+
+    def send(dt: float) -> None:
+        arm.t += round(dt * 1e9)
+        world.advance(dt)
+        arm.commands.clear()
+        arm.send(arm.message())
+
+    for _ in range(400):
+        if not references.get_subscription_count():  # until it is active
+            send(0.005)
+    p, R = pose(HOME)
+    for k in range(1, 301):
+        arm._pass(0.001, None)
+        send(0.001)
+        t = 0.001 * k
+        at = DesiredFrame(p + [0.0, 0.0, t * t / 4], R, np.array([0.0, 0.0, t / 2]))
+        msg = reference(at)
+        msg.header.stamp = arm.message().header.stamp
+        references.publish(msg)
+        arm._obey(arm.commands[-1])
+    assert np.abs(arm.dq).max() > 10 * AT_REST
+    assert world.peer.change_state(executable, "deactivate")
+    for _ in range(1000):
+        if values(statuses[-1])["mode"] != "inactive":
+            arm._pass(0.001, None)
+            send(0.001)
+            for command in arm.commands[-1:]:
+                arm._obey(command)
+    assert values(statuses[-1])["mode"] == "inactive"
+    assert np.abs(arm.dq).max() < AT_REST
+    assert_may_stay(arm.commands[-1], arm, within=AT_REST)
 
 
 @pytest.mark.parametrize("before", [(), ("deactivate",), ("deactivate", "cleanup")])

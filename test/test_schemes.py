@@ -9,10 +9,13 @@ from tolerances import HELD, NULL_SPACE, assert_close
 
 from eulerparams_control.command_line import executables
 from eulerparams_control.control.controller import Controller, ControllerOptions
+from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.experiments.controllers import CONTROLLERS
 from eulerparams_control.laws.orientation import ORIENTATIONS
 from eulerparams_control.parameters.fields import fields_of, from_mapping
 from eulerparams_control.parameters.schemes import COMMANDS, SchemeInfo, schemes
+from eulerparams_control.robot.catalogue import load_robot
+from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.control_node import ControlNode
 
 STEP = 1_000_000  # [ns]
@@ -57,6 +60,35 @@ def test_an_arm_at_rest_is_held_without_an_error(scheme, orientation):
     np.testing.assert_array_equal(tick.dp_de, np.zeros(3))
     np.testing.assert_array_equal(tick.desired.p_d, UR5.state(HOME, STILL).p_e)
     assert_close(tick.x_de.error, 0)
+
+
+def test_parameters_that_are_refused_change_nothing(scheme):
+    law = from_mapping(scheme.parameters, FRAMES).make_scheme(UR5)
+    parts = [law, *(part for part in (getattr(law, "motion", None),) if part is not None)]
+    before = [dict(vars(part)) for part in parts]
+    slower = {"velocity_scale": 0.1, "max_linear_speed": 5.0, "quaternion_initial_sign": -1}
+    with pytest.raises(ConfigurationError, match="eta is -1"):
+        law.change(from_mapping(scheme.parameters, FRAMES | slower))
+    for part, kept in zip(parts, before, strict=True):
+        assert all(vars(part)[name] is value for name, value in kept.items())
+
+
+def test_where_a_joint_has_no_effort_limit_efforts_are_finite_also_after_no_time(scheme):
+    about = load_robot("ur5")
+    urdf = 'effort="inf"'.join(about.urdf.rsplit('effort="28.0"', 1))
+    robot = Robot(urdf, about.base_frame, about.tip_frame)
+    assert np.isinf(robot.limits.effort[5])
+    law = from_mapping(scheme.parameters, FRAMES).make_scheme(robot)
+    desired = law.frame_at(HOME)
+    law.reset(HOME)
+    for dt in (0.0, 1e-3, 0.0):
+        law.tick(dt, HOME, STILL, desired)
+        law.resume(HOME)
+    for dt in (0.0, 1e-3):
+        command = law.hold(dt, HOME, STILL)
+        assert all(part is None or np.isfinite(part).all() for part in command[:3])
+        if scheme.control == "torque":
+            assert_close(command.effort, robot.dynamic_state(HOME, STILL).g, 1e-6)
 
 
 def test_its_parameters_are_described_and_its_defaults_are_possible(scheme):

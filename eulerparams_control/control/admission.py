@@ -166,6 +166,8 @@ class Admission:
         if -timeout < dt < 0:
             self._refuse_older(at, dt)
         is_first, is_set_back = last is None, self._back >= _SET_BACK
+        if is_set_back or dt < 0:  # by another clock nothing is late
+            self._latency.forget()
         is_near = 0 <= dt <= timeout
         goes_on = is_near and silence <= timeout
         is_lost = silence > timeout or (receipt is None and dt > timeout)
@@ -176,7 +178,7 @@ class Admission:
         if code & (FAST | FAR):
             self._refuse_impossible(at, dt, q, dq, code)
         if receipt is not None and (dt != 0 or is_first):
-            self._refuse_late(at.stamp, receipt, patient, is_new_clock=is_set_back or dt < 0)
+            self._refuse_late(at.stamp, receipt, patient)
         if last is not None and at.stamp == last.stamp:
             if is_set_back:  # its clock was here before
                 code |= SAME
@@ -253,10 +255,8 @@ class Admission:
             f"the joint {robot.joints[i]} jumps by {ways[i]:.3g} rad within {dt:g} s"
         )
 
-    def _refuse_late(self, t: int, receipt: float, patient: bool, *, is_new_clock: bool) -> None:
+    def _refuse_late(self, t: int, receipt: float, patient: bool) -> None:
         """Refuse a state stamped t [ns] that comes too late to control by."""
-        if is_new_clock:  # nothing is late
-            self._latency.forget()
         delay = self._latency.of(t, receipt, patient=patient)
         if delay <= self._latency.most:
             return

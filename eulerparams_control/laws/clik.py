@@ -101,10 +101,12 @@ class Clik(Scheme):
         self.reset(np.zeros(robot.n))
 
     def _take(self, parameters: "ClikParameters") -> None:
-        posture, limits = parameters.posture_of(self.robot), parameters.limits(self.robot)
-        self._posture, self.limits, self._motion = posture, limits, parameters.motion_limits()
-        self.parameters, self.orientation = parameters, parameters.representation()
-        self._inverse = parameters.inverse(self.robot)
+        """Go over to other parameters; if they are refused, the ones before stay in force."""
+        robot, orientation = self.robot, parameters.representation()
+        posture, limits = parameters.posture_of(robot), parameters.limits(robot)
+        inverse, motion = parameters.inverse(robot), parameters.motion_limits()
+        self.parameters, self.orientation, self._inverse = parameters, orientation, inverse
+        self._posture, self.limits, self._motion = posture, limits, motion
         self.loop_rate = self.fastest_gain.rate
 
     def change(self, parameters: "ClikParameters") -> None:

@@ -72,7 +72,7 @@ class TipWrench(NamedTuple):
     springs: SpringWrench
     w: Array  # (6,) [N, Nm] of the springs
     damping: Array  # (6,) [N, Nm] of the dampers, D = F E
-    E: Array
+    E: Array  # (6, 6) of the damping D = F E, see :func:`modal_damping`
     mode: tuple[float, float]  # rate [1/s] of the fastest one, rotational part of its energy
     M: Array  # (n, 6) B^-1 J', by which a wrench accelerates the joints
     mobility: Array  # (6, 6) Lambda^-1, by which it accelerates the tip

@@ -107,7 +107,10 @@ def _gap(Z: Impedance) -> float:
 
 @jit(f8(new_matrix, i8, f8, f8, f8))
 def _lasted(events: Array, i: int, sign: float, now: float, gap: float) -> float:
-    """Return for how long [s] events of axis i have come within a gap each, one of a sign now."""
+    """Count an event of axis i, of a sign, now; return for how long [s] the row has lasted.
+
+    A pause longer than the gap [s] ends a row.
+    """
     if now - events[_LAST, i] > gap:
         events[_BEGAN, i], events[_COUNT, i] = now, 0.0
     events[_SIGN, i], events[_LAST, i] = sign, now

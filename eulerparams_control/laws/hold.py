@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.laws.inverse import damped_inverse
+from eulerparams_control.laws.inverse import symmetric_modes
 from eulerparams_control.laws.limits import JointLimits, factor_within
 from eulerparams_control.laws.rotations import Array, dot, norm
 from eulerparams_control.robot.robot import DynamicState
@@ -58,8 +58,8 @@ _BRAKING_TIME, _SLOW = 0.05, 0.05
 _AGAINST_PART, _BLOCKED_PART = 0.3, 0.5
 # Time [s] in which the work on a contact that has ended is forgotten: it may come back.
 _FORGET_TIME = 0.1
-# Directions in which the tip can hardly move are damped from this singular value on, by this.
-_HARDLY_MOVES, _DAMPING = 0.1, 0.1
+# Directions in which the tip moves by less than this part of the most are taken for lost.
+_RANK = 0.05
 
 
 class ContactWork(NamedTuple):
@@ -307,8 +307,18 @@ def contact_force(J: Array, e: Array, length: float) -> Array:
 
 
 def _speeds(J: Array, length: float) -> Array:
-    """Return J* (n, 3) of the velocity of the tip, without turning."""
-    return damped_inverse(J, _HARDLY_MOVES, _DAMPING, length)[:, :3]
+    """Return the pseudo-inverse (n, 3) of J, of the velocity of a tip that does not turn.
+
+    Directions in which the tip can hardly move, ``length`` [m] weighing turns, are lost.
+    """
+    scale = np.array((1.0 / length,) * 3 + (1.0,) * 3)
+    A = scale[:, None] * J
+    modes, U = A @ A.T, np.empty((6, 6))
+    symmetric_modes(modes, U)
+    squares = modes.diagonal().copy()
+    squares[squares <= _RANK * _RANK * squares.max()] = math.inf
+    speeds: Array = A.T @ (U / squares) @ (U.T * scale)
+    return speeds[:, :3]
 
 
 def _modes(B: Array, K: Array) -> tuple[Array, Array]:

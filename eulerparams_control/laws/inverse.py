@@ -97,7 +97,7 @@ def sigma_min(J: Array, length: float) -> float:
 
 @jit(void(new_matrix, new_matrix))
 def symmetric_modes(S: Array, Y: Array) -> None:
-    """Turn S (m, m), symmetric and not negative, into its eigenvalues, Y into its eigenvectors."""
+    """Turn a positive semidefinite S (m, m) into its eigenvalues, Y into its eigenvectors."""
     m = len(S)
     A = np.zeros((m, 2 * m))
     A[:, :m], A[:, m:] = S, np.eye(m)

@@ -250,7 +250,8 @@ class EffortControl(Scheme):
     def _ramped(self, dt: float, tau: Array, last: Array) -> tuple[Array, bool]:
         """Return tau (n,) as far as the rates allow from ``last`` in dt [s]; and if they cut it."""
         lasts = max(dt, SHORTEST) if self.tau is None else dt
-        change, is_cut = cut_from(self._zero, tau - last, self._rate * lasts)
+        most = self._rate * lasts if lasts > 0.0 else self._zero  # rates may be infinite
+        change, is_cut = cut_from(self._zero, tau - last, most)
         return last + change, is_cut
 
     def null_acceleration(self, q: Array, dq: Array) -> Array:

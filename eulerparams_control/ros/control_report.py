@@ -57,6 +57,7 @@ class ControlReport(Health):
         self._began: int | None = None
         self._shown: Tick | None = None
         self.note = Why()
+        self._said: Any = None  # what the state was made of, and its words
         self._pose = node.create_publisher(PoseStamped, "~/pose", 10)
         self._desired = node.create_publisher(MultiDOFJointTrajectory, "~/desired", 10)
         self._error = node.create_publisher(TwistStamped, "~/error", 10)
@@ -89,14 +90,21 @@ class ControlReport(Health):
         """Say what the controller does, or why it holds still, whatever the states say."""
         now, scheme = controller.state, controller.scheme
         mode, why, slowly, note = now.mode, now.why, controller.rate.why, self.note
+        orientation, slowed = scheme.parameters.orientation, _slowed(controller)
+        pace = controller.guidance.pace
+        known = mode, why, now.latch, slowly, note, orientation, scheme.is_pressing, slowed
+        saying = *known, pace.singularity, pace.limit, controller.guidance.scale.now < 1
+        if (saying, self.message) == self._said:  # the joint that is near a limit may change often
+            return
         cause = why.cause or note.cause
         if why.fault:
             self.set(ERROR, f"holding still: {why.fault}", now.remedy, mode=mode, cause=cause)
+            self._said = saying, self.message
             return
         pressing = ", pressing with target_wrench" if scheme.is_pressing else ""
-        doing = f"active with {scheme.parameters.orientation}: {_doing(mode, why)}{pressing}"
+        doing = f"active with {orientation}: {_doing(mode, why)}{pressing}"
         near = _nearness(controller)
-        notes = doing, near, _slowed(controller), slowly.note, note.note
+        notes = doing, near, slowed, slowly.note, note.note
         remedies = now.remedy, slowly.remedy, note.remedy
         warns = bool(near or slowly.note or cause)
         self.set(
@@ -106,6 +114,7 @@ class ControlReport(Health):
             mode=mode,
             cause=cause,
         )
+        self._said = saying, self.message
 
     # --- /diagnostics --------------------------------------------------------------------
 

@@ -168,11 +168,13 @@ class ReferenceNode(Node):
 
     def _end_when_over(self) -> None:
         """End when the motion is over, by the stamps of joint_states, if it is sent once."""
-        if not self._params.once:
+        if not (self._params.once and self._latest):
             return
         try:
-            stamp, _, _ = self._measured()
-        except InvalidMessageError:
+            stamp = ns_from_ros(deserialized(self._latest, JointState).header.stamp)
+        except InvalidMessageError as error:
+            self._health.reject("joint_states", error)
+            self._latest = b""
             return
         t = stamp or round(1e9 * steady.now())  # without stamps
         if self._begun is None or t < self._begun:  # a simulation was started again
