@@ -14,7 +14,7 @@ from samples import generator
 from test_controller import MS, T_0, moved
 from tolerances import RELATIVE, assert_close
 
-from eulerparams_control.control.admission import Admission
+from eulerparams_control.control.admission import AGAIN, Admission
 from eulerparams_control.control.clock import Instant, Latency, NominalPeriod
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.control.mode import Cause, Mode
@@ -422,3 +422,31 @@ def test_lateness_that_grows_by_congestion_is_refused_for_as_long_as_it_grows(gr
     refused = lateness(lambda t: t - growth * max(0.0, t - 10), seconds=60)
     from_then_on = [k / 100 for k in range(round(100 * (10.5 + 0.03 / (growth - 0.002))), 6000)]
     assert set(from_then_on) <= set(np.round(refused, 2))
+
+
+@pytest.mark.parametrize("between", ["a repeated stamp", "a leap of the arm"])
+def test_after_a_clock_was_set_back_a_bad_state_does_not_make_the_next_ones_late(between):
+    admission, still = Admission(UR5, 0.1, 0.03, True, HOME), np.zeros(6)
+
+    def put(stamp, now, q=HOME):
+        """Return whether the state is taken for one of now."""
+        at = Instant(stamp, now)
+        try:
+            state = admission.admit(at, q, still, None, math.inf, False)
+        except InvalidMessageError:
+            return False
+        if not state.code & AGAIN:
+            admission.take(at)
+        return True
+
+    period = 4 * MS
+    for k in range(50):
+        assert put(T_0 + k * period, 100.0 + 4e-3 * k)
+    last, now = T_0 + 49 * period, 100.2
+    behind = [(last - 60 * MS + k * period, HOME) for k in range(4)]  # it is set back
+    bad = (last, HOME) if between == "a repeated stamp" else (last + MS, HOME + 2.0)
+    disordered = [(last - 30 * MS, HOME), (last - 40 * MS, HOME)]
+    for k, (stamp, q) in enumerate([*behind, bad, *disordered]):
+        put(stamp, now + 4e-3 * k, q)
+    now += 4e-3 * 7 + 0.06
+    assert all(put(last + MS + k * period, now + 4e-3 * k) for k in range(1, 20))

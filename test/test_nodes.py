@@ -542,7 +542,9 @@ def test_reference_that_is_to_send_once_ends_when_its_motion_is_over(world, is_r
     for t in (begun, begun + lasting - 1, begun + lasting):
         assert process.exit_code is None
         arm.t = t
-        arm.send(arm.message())
+        msg = arm.message()
+        msg.velocity[0] = math.nan  # the stamp alone counts
+        arm.send(msg)
         world.advance(1.0)
     assert process.end() == 0
     assert len(motions) == 1
