@@ -35,7 +35,7 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.control.admission import AT_REST
 from eulerparams_control.control.mode import stuck
-from eulerparams_control.control.pace import LEAST
+from eulerparams_control.control.pace import LEAST, Nearness
 from eulerparams_control.messages.from_ros import ns_from_ros, pose_from_ros
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame
 from eulerparams_control.ros.ending import LONGEST
@@ -373,6 +373,21 @@ def test_a_transition_that_ends_control_lets_the_arm_be_braked_after_it_has_retu
         node.arm.dq = np.zeros(6)
         node.arm.send_next(20)
         assert node.peer.change_state(node.name, "activate")
+
+
+def test_a_status_is_published_once_however_often_another_joint_is_nearest_to_its_limit(world):
+    node = Controlled(world, "clik", FRAMES)
+    pace = node.process.node._controller.guidance.pace
+    pace.update = lambda *_: None
+    statuses = world.peer.listen(DiagnosticStatus, "/clik/status", latched=True)
+    node.arm.tick()
+    before = len(statuses)
+    pace.limit = Nearness.APPROACHING
+    for k in range(20):
+        pace.joint = k % 2
+        node.arm.tick()
+    assert len(statuses) == before + 1
+    assert "approaching the limit of" in statuses[-1].message
 
 
 @pytest.mark.parametrize("executable", ["clik", "dynamic_control"])

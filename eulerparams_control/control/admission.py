@@ -140,7 +140,7 @@ class Admission:
         return len(times) == _CONFLICTS and self.clock.now() - times[0] < _CONTEST
 
     def admit(
-        self, at: Instant, q: Array, dq: Array, told: Array | None, velocity: Array | float,
+        self, at: Instant, q: Array, dq: Array, q_c: Array | None, velocity: Array | float,
         patient: bool,
     ) -> Accept:  # fmt: skip
         """Return what the state q, dq (n,) measured at an instant is.
@@ -148,7 +148,7 @@ class Admission:
         Args:
             at: when it was.
             q, dq: (n,) as they came.
-            told: (n,) the last command, to which continuous joints are nearest after a gap.
+            q_c: (n,) of the last command, to which continuous joints are nearest after a gap.
             velocity: limits (n,) of the speeds under efforts; infinity: there are none.
             patient: whether states that stay late are taken in the end.
 
@@ -171,7 +171,7 @@ class Admission:
         is_near = 0 <= dt <= timeout
         goes_on = is_near and silence <= timeout
         is_lost = silence > timeout or (receipt is None and dt > timeout)
-        near = NONE if goes_on or told is None else told
+        near = NONE if goes_on or q_c is None else q_c
         follows, self._joints[_LIMIT] = (is_near and not is_first, goes_on, is_lost), velocity
         code, self._this = check_numbers(q, dq, near, self._last, self._joints, dt, follows)
         code &= self._believed

@@ -105,8 +105,8 @@ class Controller(Supervisor):
         """
         at, limiter, command = Instant(t, now), self.limiter, self.command
         has_efforts = limiter.commands_efforts
-        told = None if command is None else command.q
-        state = self.admission.admit(at, q, dq, told, limiter.runaway_limits, not has_efforts)
+        q_c = None if command is None else command.q
+        state = self.admission.admit(at, q, dq, q_c, limiter.runaway_limits, not has_efforts)
         if state.code & AGAIN:
             return self._again(at, state)
         q = state.q
@@ -120,7 +120,7 @@ class Controller(Supervisor):
         self.admission.take(at)  # only now: a restart that fails is one again
         self.q, self.dq = q, dq
         self._observe(at, state)
-        # under positions the arm has stayed where it was told, under efforts it has gone on
+        # under positions the arm has stayed at its command, under efforts it has gone on
         lost, dt = state.leapt if limiter.commands_efforts else state.lost, state.dt
         if lost:
             dt -= lost

@@ -186,7 +186,7 @@ class ModeState:
 
     @property
     def has_defect(self) -> bool:
-        """Whether a defect is why; whatever comes later, that is what has to be told."""
+        """Whether a defect is why; whatever comes later, that is what has to be said."""
         return self.why.cause is Cause.DEFECT
 
     @property

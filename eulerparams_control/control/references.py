@@ -15,7 +15,7 @@ from eulerparams_control.robot.robot import Reach
 # How far ahead [s] a reference may start: further, the two clocks are not the same.
 _MAX_AHEAD = 3600.0
 
-# A stretched arm is measured, and told, this much [m] beyond its reach.
+# A stretched arm is measured, and sent, this much [m] beyond its reach.
 _ROOM = 0.01
 
 

@@ -124,10 +124,10 @@ class Supervisor:
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether the arm was measured to be at rest, and is not told to move."""
+        """Whether the arm was measured to be at rest, and its command does not move it."""
         command = self.command
-        told = 0.0 if command is None or command.dq is None else command.dq
-        return bool((np.maximum(np.abs(self.dq), np.abs(told)) < AT_REST).all())
+        dq_c = 0.0 if command is None or command.dq is None else command.dq
+        return bool((np.maximum(np.abs(self.dq), np.abs(dq_c)) < AT_REST).all())
 
     def _begin(self, q: Array, *, acts: bool = False) -> None:
         """Hold the measured q (n,), whether or not the command before still acts."""

@@ -209,7 +209,7 @@ def _strongest(room: float, dq: float, high: float, a: float, dt: float) -> floa
     return min(max(_rate(_SPEED_RATE, dt) * (high - dq), -max(a, needed)), a)
 
 
-# --- of n joints; ``limits`` are JointLimits.rows, the methods of the same name say more ---------
+# --- of n joints; ``limits`` are JointLimits.rows, see the methods that call these --------------
 
 _LOWER, _UPPER, _VELOCITY, _, _ACCELERATION = range(5)
 

@@ -57,7 +57,7 @@ class ControlReport(Health):
         self._began: int | None = None
         self._shown: Tick | None = None
         self.note = Why()
-        self._said: Any = None  # what the state was made of, and its words
+        self._said: Any = None  # what the state is made of, and its text
         self._pose = node.create_publisher(PoseStamped, "~/pose", 10)
         self._desired = node.create_publisher(MultiDOFJointTrajectory, "~/desired", 10)
         self._error = node.create_publisher(TwistStamped, "~/error", 10)
@@ -92,14 +92,17 @@ class ControlReport(Health):
         mode, why, slowly, note = now.mode, now.why, controller.rate.why, self.note
         orientation, slowed = scheme.parameters.orientation, _slowed(controller)
         pace = controller.guidance.pace
-        known = mode, why, now.latch, slowly, note, orientation, scheme.is_pressing, slowed
-        saying = *known, pace.singularity, pace.limit, controller.guidance.scale.now < 1
-        if (saying, self.message) == self._said:  # the joint that is near a limit may change often
+        # without the joint that is near a limit, which may change often
+        key = (
+            *(mode, why, now.latch, slowly, note, orientation, scheme.is_pressing, slowed),
+            *(pace.singularity, pace.limit, controller.guidance.scale.now < 1),
+        )
+        if (key, self.message) == self._said:
             return
         cause = why.cause or note.cause
         if why.fault:
             self.set(ERROR, f"holding still: {why.fault}", now.remedy, mode=mode, cause=cause)
-            self._said = saying, self.message
+            self._said = key, self.message
             return
         pressing = ", pressing with target_wrench" if scheme.is_pressing else ""
         doing = f"active with {orientation}: {_doing(mode, why)}{pressing}"
@@ -114,7 +117,7 @@ class ControlReport(Health):
             mode=mode,
             cause=cause,
         )
-        self._said = saying, self.message
+        self._said = key, self.message
 
     # --- /diagnostics --------------------------------------------------------------------
 

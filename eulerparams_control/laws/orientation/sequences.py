@@ -98,7 +98,7 @@ def _extract_of(i: int, j: int, k: int, R: Array, gamma: float) -> Array:
 
 @dataclass(frozen=True)
 class EulerSequence:
-    """One of the 12 sequences of Euler angles; UnknownNameError lists them."""
+    """One of the 12 sequences of Euler angles; another name raises UnknownNameError."""
 
     name: str = "XYZ"
 
