@@ -24,7 +24,7 @@ from eulerparams_control.ros.usage import OPTIONS, usage
 RCLError = rclpy_implementation.RCLError
 UnknownROSArgsError = rclpy_implementation.UnknownROSArgsError
 
-# How often the loop looks whether a signal came; messages are handled at once.
+# How often [s] the loop looks whether a signal came; messages are handled at once.
 _POLL_SECONDS = 0.05
 
 # ROS reads the value of a parameter as YAML, in which ": " and " #" are no text.
@@ -34,7 +34,7 @@ _XML_AS_PARAMETER = (
     "|2\\n'; sed 's/^/      /' FILE.urdf) > robot.yaml"
 )
 
-# What moves is given this long to come to rest after a signal.
+# For so long [s] what moves may come to rest after a signal.
 _STOP_SECONDS = 3.0
 
 
@@ -47,11 +47,8 @@ def run(
 ) -> int:
     """Run one node until it is done or SIGINT or SIGTERM arrives; return the exit code.
 
-    With ``--help`` it says what the node is, and its parameters, instead.
-
-    The default handlers of rclpy kill the context before a last command can be
-    published, so the signals are handled here.  Errors of this package end the
-    process with one line on stderr and their exit code.
+    With ``--help`` it says what the node is, and its parameters, instead.  Signals are handled
+    here: the handlers of rclpy end the context before a last command can be published.
 
     Args:
         make_node: makes the node, which may have these: ``done`` ends the loop; ``error`` is why;
@@ -85,12 +82,12 @@ def _run(make_node: Callable[[], Node], own: list[str]) -> tuple[ExitCode, str]:
     try:
         rclpy.init(args=own, signal_handler_options=SignalHandlerOptions.NO)
     except (RCLError, UnknownROSArgsError) as error:  # a parameter file that is not there, say
-        if xml := next((arg for arg in own if arg.partition(":=")[2].lstrip().startswith("<")), ""):
-            return ExitCode.ERROR, _XML_AS_PARAMETER.format(name=xml.partition(":=")[0])
+        for name, _, value in (arg.partition(":=") for arg in own):
+            if value.lstrip().startswith("<"):
+                return ExitCode.ERROR, _XML_AS_PARAMETER.format(name=name)
         text = " ".join(str(error).partition(", at /")[0].split())
-        return ExitCode.ERROR, (
-            f"{text}; in the folder {Path.cwd()}; a parameter is given as -p NAME:=VALUE"
-        )
+        how = "a parameter is given as -p NAME:=VALUE"
+        return ExitCode.ERROR, f"{text}; in the folder {Path.cwd()}; {how}"
     if unknown := remove_ros_args(own):
         return ExitCode.ERROR, (
             f"unknown argument '{unknown[0]}'; parameters are given as --ros-args -p NAME:=VALUE "
@@ -116,7 +113,6 @@ def _run(make_node: Callable[[], Node], own: list[str]) -> tuple[ExitCode, str]:
 
 
 def _failure(error: Exception) -> tuple[ExitCode, str]:
-    """Return the exit code after an error, and what to say of it in one line."""
     if isinstance(error, EulerParamsError):
         return error.exit_code, str(error)
     return ExitCode.ERROR, f"{defect(error)}; please report it"

@@ -1,14 +1,12 @@
 """What a node says of itself with ``--help``: what it does, and its parameters."""
 
-import dataclasses
 import inspect
 import shutil
 import textwrap
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from eulerparams_control.parameters.fields import allowed, default_text
+from eulerparams_control.parameters.fields import allowed, default_text, fields_of
 
 OPTIONS = "-h", "--help"
 
@@ -24,26 +22,20 @@ def usage(program: str, node: type[Any]) -> str:
         node: its class, in a module that says what it does.
     """
     width = max(_NARROWEST, min(shutil.get_terminal_size().columns, _WIDEST))
-    name = Path(program).name.removesuffix("_node.py")
     about = inspect.cleandoc(inspect.getmodule(node).__doc__ or "").replace("``", "")
     lines = [
-        f"usage: {name} [--ros-args --params-file FILE] [--ros-args -p NAME:=VALUE] ...",
+        f"usage: {Path(program).name.removesuffix('_node.py')} "
+        "[--ros-args --params-file FILE] [--ros-args -p NAME:=VALUE] ...",
         *("", about, "", "Parameters, with their defaults; those with * may change while it runs:"),
     ]
-    parameters = node.parameters_type
-    fields = {field.name: field for field in dataclasses.fields(parameters)}
-    for kind in parameters.__mro__:  # what is special comes first
-        for own in inspect.get_annotations(kind):
-            if own in fields:
-                lines += ["", *_described(fields.pop(own), width)]
+    fields = fields_of(node.parameters_type)
+    kinds = node.parameters_type.__mro__  # what is special comes first
+    for name in dict.fromkeys(name for kind in kinds for name in inspect.get_annotations(kind)):
+        if name in fields:
+            meta, words = fields[name].metadata, allowed(fields[name])
+            star, unit = "*" if meta["live"] else "", f" {meta['unit']}" if meta["unit"] else ""
+            text = meta["description"] + (f" ({' | '.join(words)})" if words else "")
+            lines += ["", f"  {name}{star}: {default_text(fields[name])}{unit}"]
+            wrapped = textwrap.wrap(text, width - len(_INDENT), break_on_hyphens=False)
+            lines += [_INDENT + line for line in wrapped]
     return "\n".join(lines)
-
-
-def _described(field: dataclasses.Field[Any], width: int) -> Iterator[str]:
-    """Yield the lines of a parameter."""
-    meta = field.metadata
-    star, unit = "*" if meta["live"] else "", f" {meta['unit']}" if meta["unit"] else ""
-    yield f"  {field.name}{star}: {default_text(field)}{unit}"
-    among = f" ({' | '.join(allowed(field))})" if allowed(field) else ""
-    lines = textwrap.wrap(meta["description"] + among, width - len(_INDENT), break_on_hyphens=False)
-    yield from (_INDENT + line for line in lines)
