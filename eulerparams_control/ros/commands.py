@@ -41,6 +41,9 @@ class CommandPublisher:
         kind: one of these types.
         joints: names of the joints, in the order of the commands.
         frames: base and tip of the compliant frame; None: it is not published.
+
+    Attributes:
+        publisher: of the commands.
     """
 
     def __init__(
@@ -71,21 +74,13 @@ class CommandPublisher:
             (node.create_publisher(type(message), name, QOS_STREAM), message, fill)
             for name, (message, fill) in outputs.items()
         ]
+        self.publisher = self._outputs[0][0]
 
     def publish(self, stamp: Time, command: JointCommand) -> None:
         """Publish a command under the stamp of the joint_states that it answers."""
         for publisher, message, fill in self._outputs:
             if fill(message, stamp, command):
                 publisher.publish(message)
-
-    @property
-    def topic(self) -> str:
-        """The full name of the topic."""
-        return str(self._outputs[0][0].topic_name)
-
-    def count_subscribers(self) -> int:
-        """Return how many listen to the commands."""
-        return int(self._outputs[0][0].get_subscription_count())
 
     def destroy(self) -> None:
         """Take the publishers off the graph."""

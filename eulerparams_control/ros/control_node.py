@@ -166,13 +166,12 @@ class ControlNode(ManagedNode):
 
     def _hears(self) -> bool:
         """Look whether as many listen to the commands as have to."""
-        wanted, there = self._params.wait_for_subscribers, self._commands.count_subscribers()
+        commands, wanted = self._commands.publisher, self._params.wait_for_subscribers
+        there = commands.get_subscription_count()
         self._is_heard = there >= wanted
         if not self._is_heard:
-            self._health.complain(
-                f"waiting for {wanted} subscribers of {self._commands.topic}, {there} are there",
-                about="subscribers",
-            )
+            text = f"waiting for {wanted} subscribers of {commands.topic_name}, {there} are there"
+            self._health.complain(text, about="subscribers")
         return self._is_heard
 
     def _lead(self, topic: str, msg: Any) -> None:
@@ -192,26 +191,19 @@ class ControlNode(ManagedNode):
             self._say()
         self._answer()
 
-    def _on_order(
-        self,
-        order: Callable[[Controller], None],
-        _request: Trigger.Request,
-        answer: Trigger.Response,
-    ) -> Trigger.Response:
+    def _on_order(self, order: Callable[[Controller], None], _request: Any, answer: Any) -> Any:
         """Obey an order of an operator, or say why not."""
-        if self._controller is None:
-            answer.message = "not active: nothing is commanded"
-            return answer
         try:
+            if self._controller is None:
+                raise InvalidMessageError("not active: nothing is commanded")
             if order is Controller.resume:
                 self._input.accept()
             order(self._controller)
+            self._say()
+            answer.success, answer.message = True, self._health.message
         except InvalidMessageError as error:
             self._health.complain(str(error))
             answer.message = str(error)
-            return answer
-        self._say()
-        answer.success, answer.message = True, self._health.message
         return answer
 
     # --- what is said ----------------------------------------------------------------------
@@ -223,7 +215,7 @@ class ControlNode(ManagedNode):
     def watch(self) -> None:
         """Say that joint_states has stopped, as soon as it has; nothing is commanded then."""
         states = self._input
-        if states.is_silent and not states.dispute.fault:
+        if self._controller is not None and states.is_silent and not states.dispute.fault:
             self._say()
         elif self.time.is_simulated and not states.source.is_believed:
             self._answer()  # the state may come but once
@@ -244,13 +236,14 @@ class ControlNode(ManagedNode):
             waited_for, mode = states.subscription, Lifecycle.INACTIVE
             has_come = states.measured is not None
         if not has_come and waited_for and (why := unheard(self, waited_for)).fault:
-            self._fail(why.fault, why.cause, why.remedy, mode=mode)
+            self._fail(why.fault, why.cause, why.remedy, mode)
         if controller is None:
             return
-        self._health.once_a_second(controller, self._commands.topic)
-        if self._commands.count_subscribers() == 0 and self._params.commands_joints:
+        commands = self._commands.publisher
+        self._health.once_a_second(controller, commands.topic_name)
+        if self._params.commands_joints and not commands.get_subscription_count():
             self._health.complain(
-                f"nobody listens to {self._commands.topic}: does the robot take another command?"
+                f"nobody listens to {commands.topic_name}: does the robot take another command?"
             )
 
     def _gather(self) -> None:

@@ -193,7 +193,7 @@ class ControlReport(Health):
             self.attempt(lambda: self._publish_frames(controller, tick, state), "/tf")
 
     def _publish_arm(self, controller: Controller, tick: Tick | None, state: State) -> None:
-        """Publish the pose, and desired frame, error and Lyapunov function of a tick, if heard."""
+        """Publish what somebody listens to of the arm, and of a tick that answers its state."""
         robot, stamp = controller.scheme.robot, stamp_to_ros(state[0])
         frame = robot.base_frame
         if self._pose.get_subscription_count():
@@ -207,10 +207,8 @@ class ControlReport(Health):
             self._desired.publish(desired)
         if self._error.get_subscription_count():
             self._error.publish(error_to_ros(tick.dp_de, np.asarray(tick.x_de.error), stamp, frame))
-        if self._lyapunov.get_subscription_count():
-            lyapunov = controller.guidance.lyapunov()
-            if lyapunov is not None:
-                self._lyapunov.publish(lyapunov_to_ros(*lyapunov))
+        if self._lyapunov.get_subscription_count() and (V := controller.guidance.lyapunov()):
+            self._lyapunov.publish(lyapunov_to_ros(*V))
 
     def _publish_frames(self, controller: Controller, tick: Tick | None, state: State) -> None:
         """Publish on /tf where the arm is, and the other frames of a tick."""
@@ -242,7 +240,6 @@ _DOING = {
 
 
 def _doing(mode: Mode, why: Why) -> str:
-    """Return what a controller without a fault does, in words."""
     if why.cause is Cause.STREAM_ENDED and not why.note:
         return "holding the last desired pose: the set-points have stopped"
     return f"{_DOING[mode]}, after {why.note}" if why.note else _DOING[mode]
@@ -260,7 +257,6 @@ def _slowed(controller: Controller) -> str:
 
 
 def _nearness(controller: Controller) -> str:
-    """Return what the arm is near to, in words; "" if it is clear of all."""
     pace, words = controller.guidance.pace, []
     if pace.singularity is not Nearness.CLEAR:
         words.append(f"{pace.singularity.name.lower()} a kinematic singularity")
@@ -272,7 +268,6 @@ def _nearness(controller: Controller) -> str:
 
 
 def _values(controller: Controller, tick: Tick) -> Values:
-    """Return what /diagnostics shows of a tick of any scheme."""
     arm, parameters = tick.state, controller.scheme.parameters
     distance = parameters.representation().singularity_distance(tick.desired.R_d, arm.R_e)
     pace, sigma = controller.guidance.pace, sigma_min(arm.J, controller.scheme.robot.length)

@@ -4,7 +4,6 @@ By default it starts itself as soon as it has a robot description and a state.
 """
 
 from collections.abc import Callable
-from dataclasses import asdict
 from functools import wraps
 from typing import Any
 
@@ -40,6 +39,8 @@ LONGEST = 3.0
 """[s] that an arm is given to come to rest, beside twice the time that its limits need for it; then
 it is let alone where it is."""
 
+_UNCONFIGURED, _INACTIVE = Lifecycle.UNCONFIGURED, Lifecycle.INACTIVE
+
 
 class ManagedNode(LifecycleNode):
     """The lifecycle of a control node: a robot, and a controller while it is active.
@@ -66,8 +67,8 @@ class ManagedNode(LifecycleNode):
         self._at_end: list[Callable[[], None]] = []  # what is called then
         self.add_on_set_parameters_callback(self._keep_sim_time)
         self._survive_wrong_transitions()
-        waiting, mode = "waiting for a robot description", Lifecycle.UNCONFIGURED
-        self._health.set(OK, waiting, mode=mode, cause=Cause.NO_DESCRIPTION)
+        waiting = "waiting for a robot description"
+        self._health.set(OK, waiting, mode=_UNCONFIGURED, cause=Cause.NO_DESCRIPTION)
 
     def make_scheme(self, robot: Robot) -> Scheme:
         """Return the scheme for a robot, from the parameters; raises ConfigurationError."""
@@ -97,12 +98,7 @@ class ManagedNode(LifecycleNode):
         """Listen to references no more."""
 
     def _fail(
-        self,
-        text: str,
-        cause: str = Cause.REFUSED,
-        remedy: str = "",
-        *,
-        mode: Lifecycle = Lifecycle.INACTIVE,
+        self, text: str, cause: str = Cause.REFUSED, remedy: str = "", mode: str = _INACTIVE
     ) -> TransitionCallbackReturn:
         """Say what is wrong while nothing is controlled."""
         self._health.set(ERROR, text, remedy, mode=mode, cause=cause)
@@ -153,9 +149,6 @@ class ManagedNode(LifecycleNode):
             if controller is not None:
                 self.change_scheme(controller.scheme, new)
                 controller.changed(ControllerOptions.of(new))
-                changed = dict(asdict(new).items() - asdict(old).items())
-                text = ", ".join(f"{name} {now}" for name, now in sorted(changed.items()))
-                self.get_logger().info(f"changed: {text}")
         except ConfigurationError:
             self._params = old
             raise
@@ -175,7 +168,7 @@ class ManagedNode(LifecycleNode):
             robot.refuse_joints()
             self.make_scheme(robot).rehearse()  # refuses now what activation would refuse
         except EulerParamsError as error:
-            return self._fail(f"not configured: {error}", mode=Lifecycle.UNCONFIGURED)
+            return self._fail(f"not configured: {error}", mode=_UNCONFIGURED)
         self._robot = robot
         p = self._params
         self._input.expect(robot, p.scheme.control == TORQUE and p.commands_joints)
@@ -183,8 +176,8 @@ class ManagedNode(LifecycleNode):
         frames = (robot.base_frame, robot.tip_frame) if is_compliant else None
         topic, kind = p.scheme.command, p.command_type
         self._commands = CommandPublisher(self, topic, kind, robot.joints, frames)
-        waiting, mode = "configured, waiting for joint_states", Lifecycle.INACTIVE
-        self._health.set(OK, waiting, mode=mode, cause=Cause.NO_STATES)
+        waiting = "configured, waiting for joint_states"
+        self._health.set(OK, waiting, mode=_INACTIVE, cause=Cause.NO_STATES)
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -216,14 +209,14 @@ class ManagedNode(LifecycleNode):
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Bring the arm to rest, also after this has returned, then command nothing."""
-        self._end_control(lambda: self._health.set(WARN, "inactive", mode=Lifecycle.INACTIVE))
+        self._end_control(lambda: self._health.set(WARN, "inactive", mode=_INACTIVE))
         return TransitionCallbackReturn.SUCCESS
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Bring the arm to rest, then command nothing until configured again."""
         self._end_control(self._forget_robot)
         text = "an error in a transition: unconfigured"
-        self._fail(text, Cause.TRANSITION_ERROR, mode=Lifecycle.UNCONFIGURED)
+        self._fail(text, Cause.TRANSITION_ERROR, mode=_UNCONFIGURED)
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -299,8 +292,8 @@ class ManagedNode(LifecycleNode):
             elif not self._input.are_believed():
                 pass  # a second look at who publishes the states comes first
             elif reason := self.refusal():
-                text, mode = f"not activated yet: {reason}", Lifecycle.INACTIVE
-                self._health.set(WARN, text, mode=mode, cause=Cause.REFUSED)
+                text = f"not activated yet: {reason}"
+                self._health.set(WARN, text, mode=_INACTIVE, cause=Cause.REFUSED)
             else:
                 self.trigger_activate()
 
@@ -321,8 +314,8 @@ class ManagedNode(LifecycleNode):
     def _on_defect(self, error: Exception) -> None:
         """Hold still after an error that nobody expected."""
         if self._controller is None:
-            mode = Lifecycle.INACTIVE if self._robot else Lifecycle.UNCONFIGURED
-            self._fail(defect(error), Cause.DEFECT, REPORT_IT, mode=mode)
+            mode = _INACTIVE if self._robot else _UNCONFIGURED
+            self._fail(defect(error), Cause.DEFECT, REPORT_IT, mode)
         else:
             self._controller.fail_for_good(error)
             self._health.say(self._controller)
