@@ -80,7 +80,7 @@ class ControlReport(Health):
         states, mode, level = self._states, controller.mode, ERROR
         if fault := states.dispute.fault:
             why = states.dispute._replace(fault=f"{fault}: no commands")
-        elif states.is_silent and not is_answered:
+        elif not is_answered and states.is_silent:
             why = states.silent()
         elif states.stands and controller.state.is_led:
             why, mode = states.standing(), Mode.HOLDING
@@ -155,18 +155,30 @@ class ControlReport(Health):
 
         ``more`` returns what the scheme shows of a tick.
         """
-        motion, tick = controller.guidance.motion, controller.guidance.of_law
+        guidance, scheme, tick = controller.guidance, controller.scheme, controller.guidance.of_law
         self.values |= {
-            PACE: controller.guidance.scale.now,
-            SLOWED: motion.slowed,
-            FROZEN: int(controller.scheme.is_frozen),
-            "references ahead of joint_states [s]": motion.ahead,
-            "references that never began": motion.lost,
-            SATURATED: controller.guidance.saturated,
+            PACE: guidance.scale.now,
+            SLOWED: guidance.motion.slowed,
+            FROZEN: int(scheme.is_frozen),
+            "references ahead of joint_states [s]": guidance.motion.ahead,
+            "references that never began": guidance.motion.lost,
+            SATURATED: guidance.saturated,
         }
-        if tick is not None and tick is not self._shown:
-            self._shown = tick
-            self.values |= _values(controller, tick) | more(tick)
+        if tick is None or tick is self._shown:
+            return
+        self._shown, parameters, pace = tick, scheme.parameters, guidance.pace
+        turns, sigma = parameters.representation(), sigma_min(tick.state.J, scheme.robot.length)
+        distance = turns.singularity_distance(tick.desired.R_d, tick.state.R_e)
+        self.values |= {
+            "orientation": parameters.orientation,
+            "distance to representation singularity [rad]": distance,
+            "smallest singular value of J": sigma,
+            "inverse of J": "damped" if sigma < parameters.damping_eps else "exact",
+            "kinematic singularity": pace.singularity.name.lower(),
+            "limit of a joint": pace.limit.name.lower(),
+            "saturated": int(tick.saturated),
+            **more(tick),
+        }
 
     # --- the arm -------------------------------------------------------------------------
 
@@ -265,18 +277,3 @@ def _nearness(controller: Controller) -> str:
         words.append(f"{pace.limit.name.lower()} the limit of {joint}")
     slowed = "slowed down, " if words and controller.guidance.scale.now < 1 else ""
     return slowed + " and ".join(words)
-
-
-def _values(controller: Controller, tick: Tick) -> Values:
-    arm, parameters = tick.state, controller.scheme.parameters
-    distance = parameters.representation().singularity_distance(tick.desired.R_d, arm.R_e)
-    pace, sigma = controller.guidance.pace, sigma_min(arm.J, controller.scheme.robot.length)
-    return {
-        "orientation": parameters.orientation,
-        "distance to representation singularity [rad]": distance,
-        "smallest singular value of J": sigma,
-        "inverse of J": "damped" if sigma < parameters.damping_eps else "exact",
-        "kinematic singularity": pace.singularity.name.lower(),
-        "limit of a joint": pace.limit.name.lower(),
-        "saturated": int(tick.saturated),
-    }

@@ -86,8 +86,8 @@ def _run(make_node: Callable[[], Node], own: list[str]) -> tuple[ExitCode, str]:
             if value.lstrip().startswith("<"):
                 return ExitCode.ERROR, _XML_AS_PARAMETER.format(name=name)
         text = " ".join(str(error).partition(", at /")[0].split())
-        how = "a parameter is given as -p NAME:=VALUE"
-        return ExitCode.ERROR, f"{text}; in the folder {Path.cwd()}; {how}"
+        expected = "expected parameters as -p NAME:=VALUE"
+        return ExitCode.ERROR, f"{text}; in the folder {Path.cwd()}; {expected}"
     if unknown := remove_ros_args(own):
         return ExitCode.ERROR, (
             f"unknown argument '{unknown[0]}'; parameters are given as --ros-args -p NAME:=VALUE "
