@@ -1,14 +1,17 @@
-"""The runtime of every executable: signals, executor, exit codes."""
+"""The runtime of every executable: signals, executor, exit codes, and ``--help``."""
 
 import gc
+import inspect
+import shutil
 import signal
 import sys
+import textwrap
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from itertools import takewhile
 from pathlib import Path
-from typing import cast
+from typing import Any
 
 import rclpy
 from rclpy.experimental import EventsExecutor
@@ -19,7 +22,7 @@ from rclpy.utilities import remove_ros_args
 
 from eulerparams_control.errors import EulerParamsError, defect
 from eulerparams_control.events import Event, ExitCode, begin, tell
-from eulerparams_control.ros.usage import OPTIONS, usage
+from eulerparams_control.parameters.fields import allowed, default_text, fields_of
 
 RCLError = rclpy_implementation.RCLError
 UnknownROSArgsError = rclpy_implementation.UnknownROSArgsError
@@ -34,6 +37,9 @@ _XML_AS_PARAMETER = (
     "|2\\n'; sed 's/^/      /' FILE.urdf) > robot.yaml"
 )
 
+# Widest and narrowest text [characters], however wide the terminal is, and how far it is indented.
+_WIDEST, _NARROWEST, _INDENT = 100, 20, 6 * " "
+
 # For so long [s] what moves may come to rest after a signal.
 _STOP_SECONDS = 3.0
 
@@ -43,7 +49,7 @@ def run(
     args: list[str] | None = None,
     *,
     tells: bool = True,
-    about: type[Node] | None = None,
+    about: type[Any] | None = None,
 ) -> int:
     """Run one node until it is done or SIGINT or SIGTERM arrives; return the exit code.
 
@@ -59,8 +65,8 @@ def run(
         about: the class of the node; None: ``make_node`` is that.
     """
     own = sys.argv[1:] if args is None else args
-    if not {*OPTIONS}.isdisjoint(own):
-        print(usage(sys.argv[0], about or cast("type[Node]", make_node)))
+    if "-h" in own or "--help" in own:
+        print(usage(sys.argv[0], about or make_node))
         return ExitCode.OK
     if tells:
         begin()
@@ -134,3 +140,30 @@ def _spin(node: Node, stopped: list[int]) -> None:
         while not at_rest() and time.monotonic() < deadline:
             with suppress(Exception):  # it is said already why the node ends
                 executor.spin_once(timeout_sec=_POLL_SECONDS)
+
+
+def usage(program: str, node: Any) -> str:
+    """Return the help of a node, whose class has ``parameters_type``, for the terminal.
+
+    Args:
+        program: how it was called; its name counts.
+        node: its class, in a module that says what it does.
+    """
+    width = max(_NARROWEST, min(shutil.get_terminal_size().columns, _WIDEST))
+    about = inspect.cleandoc(inspect.getmodule(node).__doc__ or "").replace("``", "")
+    lines = [
+        f"usage: {Path(program).name.removesuffix('_node.py')} "
+        "[--ros-args --params-file FILE] [--ros-args -p NAME:=VALUE] ...",
+        *("", about, "", "Parameters, with their defaults; those with * may change while it runs:"),
+    ]
+    fields = fields_of(node.parameters_type)
+    kinds = node.parameters_type.__mro__  # what is special comes first
+    for name in dict.fromkeys(name for kind in kinds for name in inspect.get_annotations(kind)):
+        if name in fields:
+            meta, words = fields[name].metadata, allowed(fields[name])
+            star, unit = "*" if meta["live"] else "", f" {meta['unit']}" if meta["unit"] else ""
+            text = meta["description"] + (f" ({' | '.join(words)})" if words else "")
+            lines += ["", f"  {name}{star}: {default_text(fields[name])}{unit}"]
+            wrapped = textwrap.wrap(text, width - len(_INDENT), break_on_hyphens=False)
+            lines += [_INDENT + line for line in wrapped]
+    return "\n".join(lines)
