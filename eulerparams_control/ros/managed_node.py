@@ -45,7 +45,7 @@ _UNCONFIGURED, _INACTIVE = Lifecycle.UNCONFIGURED, Lifecycle.INACTIVE
 class ManagedNode(LifecycleNode):
     """The lifecycle of a control node: a robot, and a controller while it is active.
 
-    What comes and goes meanwhile, messages and reports, is ControlNode's.
+    ControlNode adds the messages.
     """
 
     parameters_type: type[Any] = ControlParameters
