@@ -5,7 +5,7 @@ from typing import Any
 
 from eulerparams_control.laws.clik import Clik
 from eulerparams_control.laws.dynamic_control import DynamicControl
-from eulerparams_control.ros import clik_node, dynamic_control_node, ending, runtime
+from eulerparams_control.ros import clik_node, dynamic_control_node, managed_node, runtime
 
 NODES = {
     "clik": (clik_node.ClikNode, clik_node.main, Clik),
@@ -25,7 +25,7 @@ PATIENCE = 60.0
 
 def main() -> int:
     """Run the node named by the first argument with a defect in a timer."""
-    ending.LONGEST = runtime._STOP_SECONDS = PATIENCE
+    managed_node.LONGEST = runtime._STOP_SECONDS = PATIENCE
     node, run, scheme = NODES[sys.argv[1]]
     tick = scheme.tick
     moved = []

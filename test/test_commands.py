@@ -18,8 +18,7 @@ from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.messages.to_ros import duration_to_ros, motion_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
-from eulerparams_control.ros.commands import HORIZON, CommandPublisher, ComplianceCommands
-from eulerparams_control.ros.qos import QOS
+from eulerparams_control.ros.commands import HORIZON, CommandPublisher
 
 JOINTS = ["shoulder", "elbow"]
 STAMPS = st.builds(Time, sec=st.integers(-(2**31), 2**31 - 1), nanosec=st.integers(0, 2**32 - 1))
@@ -55,7 +54,7 @@ def expected(kind: str, stamp: Time, command: JointCommand) -> Any:
 @given(drawn=st.data())
 def test_a_message_says_the_parts_of_a_command_that_its_type_has(kind, drawn):
     sent = Sent()
-    publisher = CommandPublisher(sent, "topic", kind, JOINTS, QOS)
+    publisher = CommandPublisher(sent, "topic", kind, JOINTS)
     part = st.none() | arrays(float, 2, elements=st.floats(-1e300, 1e300))
     for _ in range(3):
         stamp, command = drawn.draw(STAMPS), JointCommand(*drawn.draw(st.tuples(part, part, part)))
@@ -68,7 +67,7 @@ def test_a_message_says_the_parts_of_a_command_that_its_type_has(kind, drawn):
     float, (2, 5, 3), elements=st.floats(-1e300, 1e300)))  # fmt: skip
 def test_a_compliant_frame_is_a_reference_of_one_point(stamps, vectors):
     sent = Sent()
-    publisher = ComplianceCommands(sent, "base", "tool0", None)
+    publisher = CommandPublisher(sent, "topic", "none", JOINTS, ("base", "tool0"))
     for stamp, R, row in zip(stamps, uniform(2), vectors, strict=True):
         frame = DesiredFrame(row[0], R, *row[1:])
         publisher.publish(stamp, JointCommand(frame=frame))

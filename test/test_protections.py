@@ -38,7 +38,7 @@ from eulerparams_control.control.mode import stuck
 from eulerparams_control.control.pace import LEAST, Nearness
 from eulerparams_control.messages.from_ros import ns_from_ros, pose_from_ros
 from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame
-from eulerparams_control.ros.ending import LONGEST
+from eulerparams_control.ros.managed_node import LONGEST
 
 ALL = ("clik", "dynamic_control", "impedance_control")
 

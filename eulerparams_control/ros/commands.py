@@ -5,7 +5,6 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint, MultiDOFJointTrajectory
@@ -24,127 +23,103 @@ from eulerparams_control.ros.qos import QOS_STREAM
 # How far ahead [s] the point of a joint_trajectory is.
 HORIZON = 0.02
 
+Fill = Callable[[Any, Time, JointCommand], bool]
+"""Writes a command into a message; False: the command has nothing for it."""
+
 
 class CommandPublisher:
-    """Publishes commands of one type on one topic.
+    """Publishes commands on one topic, and the compliant frame that they follow on its own.
 
     ``joint_state``       sensor_msgs/JointState: what the scheme commands.
     ``joint_trajectory``  trajectory_msgs/JointTrajectory of one point, ``HORIZON`` ahead.
     ``forward``           std_msgs/Float64MultiArray: efforts, else positions.
+    ``none``              nothing: the compliant frame is the command.
 
     Args:
         node: the node that publishes.
         topic: where.
         kind: one of these types.
         joints: names of the joints, in the order of the commands.
-        qos: of the publisher.
+        frames: base and tip of the compliant frame; None: it is not published.
+
+    Attributes:
+        publisher: of the commands.
     """
 
     def __init__(
-        self, node: Node, topic: str, kind: str, joints: Sequence[str], qos: QoSProfile
+        self,
+        node: Node,
+        topic: str,
+        kind: str,
+        joints: Sequence[str],
+        frames: tuple[str, str] | None = None,
     ) -> None:
-        self._node, self._kind = node, kind
+        self._node = node
         # joint_trajectory_controller refuses a trajectory that ends in the past or with a
         # velocity: its stamp stays 0, which is now, and its point has a position only
-        self._point = JointTrajectoryPoint(time_from_start=duration_to_ros(HORIZON))
-        self._message: Any = {
-            "joint_state": JointState(name=list(joints)),
-            "joint_trajectory": JointTrajectory(joint_names=list(joints), points=[self._point]),
-            "forward": Float64MultiArray(),
-        }[kind]
-        self._publisher = node.create_publisher(type(self._message), topic, qos)
+        point = JointTrajectoryPoint(time_from_start=duration_to_ros(HORIZON))
+        kinds: dict[str, tuple[Any, Fill]] = {
+            "joint_state": (JointState(name=list(joints)), _fill_states),
+            "joint_trajectory": (
+                JointTrajectory(joint_names=list(joints), points=[point]),
+                _fill_trajectory,
+            ),
+            "forward": (Float64MultiArray(), _fill_numbers),
+        }
+        outputs = {topic: kinds[kind]} if kind in kinds else {}
+        if frames is not None:
+            start = Trajectory([0.0], [DesiredFrame(AT_ORIGIN.p, AT_ORIGIN.R)])
+            outputs["compliant_frame"] = motion_to_ros(start, *frames), _fill_frame
+        self._outputs = [
+            (node.create_publisher(type(message), name, QOS_STREAM), message, fill)
+            for name, (message, fill) in outputs.items()
+        ]
+        self.publisher = self._outputs[0][0]
 
     def publish(self, stamp: Time, command: JointCommand) -> None:
         """Publish a command under the stamp of the joint_states that it answers."""
-        if self._fill(stamp, command):
-            self._publisher.publish(self._message)
-
-    def _fill(self, stamp: Time, command: JointCommand) -> bool:
-        """Write a command into the message; return False if it has nothing for it."""
-        (q, dq, effort, _), msg = command, self._message
-        if self._kind == "joint_trajectory":
-            if q is None or dq is None:
-                return False
-            self._point.positions = numbers_to_ros(q + HORIZON * dq)
-        elif self._kind == "forward":
-            if q is None and effort is None:
-                return False
-            msg.data = numbers_to_ros(q if effort is None else effort)
-        else:
-            if q is None and dq is None and effort is None:
-                return False
-            msg.header.stamp = stamp
-            msg.position, msg.velocity, msg.effort = map(numbers_to_ros, (q, dq, effort))
-        return True
-
-    @property
-    def topic(self) -> str:
-        """The topic."""
-        return str(self._publisher.topic_name)
-
-    def count_subscribers(self) -> int:
-        """Return how many listen."""
-        return int(self._publisher.get_subscription_count())
-
-    def destroy(self) -> None:
-        """Take the publisher off the graph."""
-        self._node.destroy_publisher(self._publisher)
-
-
-class ComplianceCommands:
-    """Publishes the efforts, then the compliant frame that they follow.
-
-    Args:
-        node: the node that publishes.
-        base_frame, tip_frame: that the compliant frame is stated with.
-        efforts: publisher of the efforts; None: the compliant frame is the command.
-    """
-
-    def __init__(
-        self, node: Node, base_frame: str, tip_frame: str, efforts: "Commands | None"
-    ) -> None:
-        self._node, self._efforts = node, efforts
-        start = Trajectory([0.0], [DesiredFrame(AT_ORIGIN.p, AT_ORIGIN.R)])
-        self._message = motion_to_ros(start, base_frame, tip_frame)
-        self._publisher = node.create_publisher(
-            MultiDOFJointTrajectory, "compliant_frame", QOS_STREAM
-        )
-
-    def publish(self, stamp: Time, command: JointCommand) -> None:
-        """Publish both under the stamp of the joint_states that they answer."""
-        if self._efforts is not None:
-            self._efforts.publish(stamp, command)
-        if command.frame is not None:
-            self._message.header.stamp = stamp
-            frame_to_ros(command.frame, self._message.points[0])
-            self._publisher.publish(self._message)
-
-    @property
-    def topic(self) -> str:
-        """The topic of the efforts, or of the compliant frame."""
-        return self._efforts.topic if self._efforts else str(self._publisher.topic_name)
-
-    def count_subscribers(self) -> int:
-        """Return how many listen to it."""
-        if self._efforts is not None:
-            return self._efforts.count_subscribers()
-        return int(self._publisher.get_subscription_count())
+        for publisher, message, fill in self._outputs:
+            if fill(message, stamp, command):
+                publisher.publish(message)
 
     def destroy(self) -> None:
         """Take the publishers off the graph."""
-        self._node.destroy_publisher(self._publisher)
-        if self._efforts is not None:
-            self._efforts.destroy()
+        for publisher, *_ in self._outputs:
+            self._node.destroy_publisher(publisher)
 
 
-Commands = CommandPublisher | ComplianceCommands
+def _fill_states(msg: JointState, stamp: Time, command: JointCommand) -> bool:
+    q, dq, effort, _ = command
+    msg.header.stamp = stamp
+    msg.position, msg.velocity, msg.effort = map(numbers_to_ros, (q, dq, effort))
+    return not (q is None and dq is None and effort is None)
+
+
+def _fill_trajectory(msg: JointTrajectory, _stamp: Time, command: JointCommand) -> bool:
+    if command.q is None or command.dq is None:
+        return False
+    msg.points[0].positions = numbers_to_ros(command.q + HORIZON * command.dq)
+    return True
+
+
+def _fill_numbers(msg: Float64MultiArray, _stamp: Time, command: JointCommand) -> bool:
+    numbers = command.q if command.effort is None else command.effort
+    msg.data = numbers_to_ros(numbers)
+    return numbers is not None
+
+
+def _fill_frame(msg: MultiDOFJointTrajectory, stamp: Time, command: JointCommand) -> bool:
+    if command.frame is None:
+        return False
+    msg.header.stamp = stamp
+    frame_to_ros(command.frame, msg.points[0])
+    return True
 
 
 class ImpedancePublisher[T]:
     """Publishes on ``~/impedance`` what acts, after the commands.
 
-    It comes with each command while it changes, else once a second, where somebody listens: as
-    positions of a sensor_msgs/JointState, by name.
+    It comes with each command while it changes, else once a second, where somebody listens.
 
     Args:
         node: the node that publishes.
@@ -154,16 +129,13 @@ class ImpedancePublisher[T]:
     def __init__(self, node: Node, to_ros: Callable[[T, Time], JointState]) -> None:
         self._to_ros = to_ros
         self._publisher = node.create_publisher(JointState, "~/impedance", QOS_STREAM)
-        self._shown_at = 0  # [s]
-        self._shown: T | None = None
+        self._shown: tuple[T | None, int] = None, 0  # and when [s]
 
     def show(self, stamp: Time, acting: T | None) -> None:
-        """Publish what acts, the same object while nothing changes, under the stamp of a command.
-
-        None: nothing does.
-        """
-        if acting is None or (acting is self._shown and stamp.sec == self._shown_at):
+        """Publish what acts, the same object while nothing changes; None: nothing does."""
+        before, at = self._shown
+        if acting is None or (acting is before and stamp.sec == at):
             return
         if self._publisher.get_subscription_count():
-            self._shown, self._shown_at = acting, stamp.sec
+            self._shown = acting, stamp.sec
             self._publisher.publish(self._to_ros(acting, stamp))

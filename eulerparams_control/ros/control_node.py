@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 
 from eulerparams_control.control.clock import steady
 from eulerparams_control.control.controller import Controller
-from eulerparams_control.control.mode import Mode, Why
+from eulerparams_control.control.mode import Mode
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import Tick
@@ -55,8 +55,7 @@ class ControlNode(ManagedNode):
         for seconds, callback in ((period, self.watch), (_VIEW_PERIOD, self._show_in_rviz)):
             self.create_timer(seconds, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._subscribe()
-        leaders = self._input, self._rviz, self.leaders()
-        self._leaders = Leaders(self, self._params, *leaders)
+        self._leaders = Leaders(self, self._params, self._input, self._rviz, self.leaders())
         self.create_service(Trigger, "~/halt", partial(self._on_order, Controller.halt))
         self.create_service(Trigger, "~/resume", partial(self._on_order, Controller.resume))
         self._try_start()
@@ -88,7 +87,7 @@ class ControlNode(ManagedNode):
         # only now: who publishes a reference can see by it that somebody follows
         self._leaders.begin(self._controller, self._lead)
         self._is_heard = False
-        self._health.say(self._controller, self._input)
+        self._say()
 
     def _deactivated(self) -> None:
         self._leaders.end()
@@ -157,26 +156,22 @@ class ControlNode(ManagedNode):
             self._commands.publish(stamp, command)
         states.answered(controller.admission, is_commanded=command is not None)
         self.review(controller, None if command is None else stamp)
-        if states.stands and controller.state.is_led:
-            if controller.mode is Mode.FOLLOWING and not self.time.is_simulated:
-                why = states.standing()  # there is no time to move by
-                controller.settle(why._replace(fault="", note=why.fault))
-            self._health.say(controller, states)
-            return
-        self._health.answered(controller, states, stamp, is_commanded=command is not None)
-        self._ending.review()
+        if states.stands and controller.mode is Mode.FOLLOWING and not self.time.is_simulated:
+            why = states.standing()  # there is no time to move by
+            controller.settle(why._replace(fault="", note=why.fault))
+        self._health.answered(controller, is_commanded=command is not None)
+        self._review_end()
 
     # --- what leads the arm ----------------------------------------------------------------
 
     def _hears(self) -> bool:
-        """Return whether as many listen to the commands as have to."""
-        wanted, there = self._params.wait_for_subscribers, self._commands.count_subscribers()
+        """Look whether as many listen to the commands as have to."""
+        commands, wanted = self._commands.publisher, self._params.wait_for_subscribers
+        there = commands.get_subscription_count()
         self._is_heard = there >= wanted
         if not self._is_heard:
-            self._health.complain(
-                f"waiting for {wanted} subscribers of {self._commands.topic}, {there} are there",
-                about="subscribers",
-            )
+            text = f"waiting for {wanted} subscribers of {commands.topic_name}, {there} are there"
+            self._health.complain(text, about="subscribers")
         return self._is_heard
 
     def _lead(self, topic: str, msg: Any) -> None:
@@ -190,49 +185,41 @@ class ControlNode(ManagedNode):
             self._leaders.take(topic, msg)
         except InvalidMessageError as error:
             self._health.reject(topic, error)
-            if self._leaders.skip(topic, msg):
-                self._answer()
-            return
-        self._say()
+            if not self._leaders.skip(topic, msg):
+                return
+        else:
+            self._say()
         self._answer()
 
-    def _on_order(
-        self,
-        order: Callable[[Controller], None],
-        _request: Trigger.Request,
-        answer: Trigger.Response,
-    ) -> Trigger.Response:
+    def _on_order(self, order: Callable[[Controller], None], _request: Any, answer: Any) -> Any:
         """Obey an order of an operator, or say why not."""
-        if self._controller is None:
-            answer.message = "not active: nothing is commanded"
-            return answer
         try:
+            if self._controller is None:
+                raise InvalidMessageError("not active: nothing is commanded")
             if order is Controller.resume:
                 self._input.accept()
             order(self._controller)
+            self._say()
+            answer.success, answer.message = True, self._health.message
         except InvalidMessageError as error:
             self._health.complain(str(error))
             answer.message = str(error)
-            return answer
-        self._say()
-        answer.success, answer.message = True, self._health.message
         return answer
 
     # --- what is said ----------------------------------------------------------------------
 
     def _say(self) -> None:
-        """Say what the controller does, unless no states come: then that has to be said."""
-        if self._controller is not None and not self._input.is_silent:
-            self._health.say(self._controller, self._input)
+        if self._controller is not None:
+            self._health.say(self._controller)
 
     def watch(self) -> None:
         """Say that joint_states has stopped, as soon as it has; nothing is commanded then."""
-        states, controller = self._input, self._controller
-        if controller is not None and states.is_silent and not states.dispute.fault:
-            self._health.unanswered(controller.mode, states.silent())
+        states = self._input
+        if self._controller is not None and states.is_silent and not states.dispute.fault:
+            self._say()
         elif self.time.is_simulated and not states.source.is_believed:
             self._answer()  # the state may come but once
-        self._ending.review()
+        self._review_end()
 
     def _once_a_second(self) -> None:
         """Gather what /diagnostics shows once a second, and complain of what is missing."""
@@ -244,24 +231,20 @@ class ControlNode(ManagedNode):
         is_late = steady.now() - self._began > _DISCOVERY
         if is_late and states.measured is None and not self.count_publishers(topic):
             self._health.complain(f"nobody publishes {topic}: is a robot there?")
-        self._say_unheard()
+        waited_for, mode, has_come = self._urdfs, Lifecycle.UNCONFIGURED, bool(self._description)
+        if self._robot is not None:
+            waited_for, mode = states.subscription, Lifecycle.INACTIVE
+            has_come = states.measured is not None
+        if not has_come and waited_for and (why := unheard(self, waited_for)).fault:
+            self._fail(why.fault, why.cause, why.remedy, mode)
         if controller is None:
             return
-        self._health.once_a_second(controller, states, self._commands.topic)
-        if self._commands.count_subscribers() == 0 and self._params.commands_joints:
+        commands = self._commands.publisher
+        self._health.once_a_second(controller, commands.topic_name)
+        if self._params.commands_joints and not commands.get_subscription_count():
             self._health.complain(
-                f"nobody listens to {self._commands.topic}: does the robot take another command?"
+                f"nobody listens to {commands.topic_name}: does the robot take another command?"
             )
-
-    def _say_unheard(self) -> None:
-        """Say why nothing comes of what is needed first, where that is the QoS."""
-        why, mode = Why(), Lifecycle.INACTIVE
-        if self._robot is None and self._urdfs is not None and not self._description:
-            why, mode = unheard(self, self._urdfs), Lifecycle.UNCONFIGURED
-        elif self._robot is not None and self._input.measured is None:
-            why = unheard(self, self._input.subscription)
-        if why.fault:
-            self._fail(why.fault, mode, why.cause, why.remedy)
 
     def _gather(self) -> None:
         if self._controller is not None:

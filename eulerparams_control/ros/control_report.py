@@ -6,7 +6,6 @@ from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, TransformStamped, TwistStamped
 from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray
@@ -17,7 +16,6 @@ from eulerparams_control.control.mode import Cause, Mode, Why
 from eulerparams_control.control.pace import Nearness
 from eulerparams_control.errors import listed
 from eulerparams_control.laws.inverse import sigma_min
-from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import Tick
 from eulerparams_control.messages.keys import BEGAN, FROZEN, PACE, SATURATED, SLOWED
 from eulerparams_control.messages.to_ros import (
@@ -26,6 +24,7 @@ from eulerparams_control.messages.to_ros import (
     motion_to_ros,
     pose_to_ros,
     quaternion_to_ros,
+    stamp_to_ros,
     vector_to_ros,
 )
 from eulerparams_control.motion.frames import DesiredFrame
@@ -33,7 +32,7 @@ from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.parameters.common import ControlParameters
 from eulerparams_control.ros.diagnostics import ERROR, OK, WARN, Health, Values
 from eulerparams_control.ros.publishers import names_of_publishers, rivals
-from eulerparams_control.ros.state_input import StateInput
+from eulerparams_control.ros.state_input import State, StateInput
 
 
 class ControlReport(Health):
@@ -42,18 +41,20 @@ class ControlReport(Health):
     Args:
         node: the node that reports.
         parameters: of the node; those that count here are fixed.
+        states: of the arm.
 
     Attributes:
         note: a warning that is shown with the state; Why() is none.
     """
 
-    def __init__(self, node: Node, parameters: ControlParameters) -> None:
+    def __init__(self, node: Node, parameters: ControlParameters, states: StateInput) -> None:
         super().__init__(node)
+        self._states = states
         rate = parameters.state_rate
         self._period = int(1e9 / rate) if rate > 0 else 0  # of ~/pose and the like [ns]
         self._next = 0  # when they are due [ns]
-        self._counted: Controller | None = None
-        self._cut = self._restarts = 0  # of that controller, a second ago
+        # whose commands limits had changed, and whose states had jumped, so often a second ago
+        self._counted: tuple[Controller | None, int, int] = None, 0, 0
         self._began: int | None = None
         self._shown: Tick | None = None
         self.note = Why()
@@ -71,57 +72,52 @@ class ControlReport(Health):
 
     # --- status --------------------------------------------------------------------------
 
-    def say(self, controller: Controller, states: StateInput) -> None:
-        """Say what the controller does, or why no state leads on."""
-        if states.stands and controller.state.is_led and not states.is_silent:
-            why, is_fault = states.standing(), not states.time.is_simulated
-            self.unanswered(Mode.HOLDING, why, level=ERROR if is_fault else WARN)
-        elif fault := states.dispute.fault:
-            why = states.dispute._replace(fault=f"{fault}: no commands")
-            self.unanswered(controller.mode, why)
-        else:
-            self.state(controller)
+    def say(self, controller: Controller, *, is_answered: bool = False) -> None:
+        """Say what the controller does, or why no state leads on.
 
-    def unanswered(self, mode: Mode, why: Why, *, level: bytes = ERROR) -> None:
-        """Say why no state leads on."""
+        ``is_answered``: a state has come, however long ago, and has its answer now.
+        """
+        states, mode, level = self._states, controller.mode, ERROR
+        if fault := states.dispute.fault:
+            why = states.dispute._replace(fault=f"{fault}: no commands")
+        elif not is_answered and states.is_silent:
+            why = states.silent()
+        elif states.stands and controller.state.is_led:
+            why, mode = states.standing(), Mode.HOLDING
+            level = WARN if states.time.is_simulated else ERROR
+        else:
+            self._say_mode(controller)
+            return
         self.set(level, why.fault, why.remedy, mode=mode, cause=why.cause)
 
-    def state(self, controller: Controller) -> None:
-        """Say what the controller does, or why it holds still, whatever the states say."""
-        now, scheme = controller.state, controller.scheme
-        mode, why, slowly, note = now.mode, now.why, controller.rate.why, self.note
+    def _say_mode(self, controller: Controller) -> None:
+        """Say what the controller does, or why it holds still."""
+        now, scheme, pace = controller.state, controller.scheme, controller.guidance.pace
+        why, rate, note = now.why, controller.rate.why, self.note
         orientation, slowed = scheme.parameters.orientation, _slowed(controller)
-        pace = controller.guidance.pace
         # without the joint that is near a limit, which may change often
         key = (
-            *(mode, why, now.latch, slowly, note, orientation, scheme.is_pressing, slowed),
+            *(now.mode, why, now.latch, rate, note, orientation, scheme.is_pressing, slowed),
             *(pace.singularity, pace.limit, controller.guidance.scale.now < 1),
         )
         if (key, self.message) == self._said:
             return
+        level, text, remedy = ERROR, f"holding still: {why.fault}", now.remedy
         cause = why.cause or note.cause
-        if why.fault:
-            self.set(ERROR, f"holding still: {why.fault}", now.remedy, mode=mode, cause=cause)
-            self._said = key, self.message
-            return
-        pressing = ", pressing with target_wrench" if scheme.is_pressing else ""
-        doing = f"active with {orientation}: {_doing(mode, why)}{pressing}"
-        near = _nearness(controller)
-        notes = doing, near, slowed, slowly.note, note.note
-        remedies = now.remedy, slowly.remedy, note.remedy
-        warns = bool(near or slowly.note or cause)
-        self.set(
-            WARN if warns else OK,
-            "; ".join(filter(None, notes)),
-            "; ".join(filter(None, remedies)) if warns else "",
-            mode=mode,
-            cause=cause,
-        )
+        if not why.fault:
+            pressing = ", pressing with target_wrench" if scheme.is_pressing else ""
+            doing = f"active with {orientation}: {_doing(now.mode, why)}{pressing}"
+            near = _nearness(controller)
+            level = WARN if near or rate.note or cause else OK
+            text = "; ".join(filter(None, (doing, near, slowed, rate.note, note.note)))
+            remedies = (now.remedy, rate.remedy, note.remedy) if level == WARN else ()
+            remedy = "; ".join(filter(None, remedies))
+        self.set(level, text, remedy, mode=now.mode, cause=cause)
         self._said = key, self.message
 
     # --- /diagnostics --------------------------------------------------------------------
 
-    def once_a_second(self, controller: Controller, states: StateInput, commands: str) -> None:
+    def once_a_second(self, controller: Controller, commands: str) -> None:
         """Complain of who else commands, of a motion that is too fast, of states that jump.
 
         ``commands`` is the topic of the commands.
@@ -133,29 +129,23 @@ class ControlReport(Health):
                 error=True,
                 about="rivals",
             )
-        if controller is not self._counted:
-            self._counted, self._cut, self._restarts = controller, 0, 0
-        cut, self._cut = controller.guidance.saturated - self._cut, controller.guidance.saturated
-        if cut > states.answers / 2:
+        cut, jumps = controller.guidance.saturated, controller.resets
+        before, self._counted = self._counted, (controller, cut, jumps)
+        if before[0] is controller:
+            cut, jumps = cut - before[1], jumps - before[2]
+        if cut > self._states.answers / 2:
             self.complain(
                 f"limits have changed {cut} commands of the last second: the motion is faster than "
                 "the arm may be, or the gains are too high",
                 about="limits",
             )
         self.values["joint_states missed"] = controller.admission.period.missed
-        resets = controller.resets
-        again, self._restarts = resets - self._restarts, resets
-        if again > 1 and not controller.rate.is_too_low:
-            names = names_of_publishers(self._node, states.subscription.topic_name)
-            why = (
-                "is a computer too busy (then let the robot run at a lower rate, or a simulated "
-                "one in lock-step with use_sim_time), or was its clock set?"
-            )
-            if len(names) > 1:
-                why = "expected one robot."
+        if jumps > 1 and not controller.rate.is_too_low:
+            names = names_of_publishers(self._node, self._states.subscription.topic_name)
             self.complain(
-                f"joint_states have jumped {again} times in the last second: {why} They are "
-                f"published by {listed(names)}",
+                f"joint_states of {listed(names)} have jumped {jumps} times in the last second; "
+                "expected one robot, whose clock goes steadily: if its computer is too busy let "
+                "it run at a lower rate, or a simulated one in lock-step with use_sim_time",
                 error=True,
                 about="restarts",
             )
@@ -165,62 +155,61 @@ class ControlReport(Health):
 
         ``more`` returns what the scheme shows of a tick.
         """
-        motion, tick = controller.guidance.motion, controller.guidance.of_law
+        guidance, scheme, tick = controller.guidance, controller.scheme, controller.guidance.of_law
         self.values |= {
-            PACE: controller.guidance.scale.now,
-            SLOWED: motion.slowed,
-            FROZEN: int(controller.scheme.is_frozen),
-            "references ahead of joint_states [s]": motion.ahead,
-            "references that never began": motion.lost,
-            SATURATED: controller.guidance.saturated,
+            PACE: guidance.scale.now,
+            SLOWED: guidance.motion.slowed,
+            FROZEN: int(scheme.is_frozen),
+            "references ahead of joint_states [s]": guidance.motion.ahead,
+            "references that never began": guidance.motion.lost,
+            SATURATED: guidance.saturated,
         }
-        if tick is not None and tick is not self._shown:
-            self._shown = tick
-            self.values |= _values(controller, tick) | more(tick)
+        if tick is None or tick is self._shown:
+            return
+        self._shown, parameters, pace = tick, scheme.parameters, guidance.pace
+        turns, sigma = parameters.representation(), sigma_min(tick.state.J, scheme.robot.length)
+        distance = turns.singularity_distance(tick.desired.R_d, tick.state.R_e)
+        self.values |= {
+            "orientation": parameters.orientation,
+            "distance to representation singularity [rad]": distance,
+            "smallest singular value of J": sigma,
+            "inverse of J": "damped" if sigma < parameters.damping_eps else "exact",
+            "kinematic singularity": pace.singularity.name.lower(),
+            "limit of a joint": pace.limit.name.lower(),
+            "saturated": int(tick.saturated),
+            **more(tick),
+        }
 
     # --- the arm -------------------------------------------------------------------------
 
-    def answered(
-        self, controller: Controller, states: StateInput, stamp: Any, *, is_commanded: bool
-    ) -> None:
-        """Report what changed with the answer to a state, and the arm if that is due.
-
-        Args:
-            controller: that answered.
-            states: of the arm; the last one is meant.
-            stamp: of that, as it came.
-            is_commanded: whether the answer is a command.
-        """
-        guidance = controller.guidance
+    def answered(self, controller: Controller, *, is_commanded: bool) -> None:
+        """Report what changed with the answer to the last state, and the arm if that is due."""
+        guidance, states = controller.guidance, self._states
         if guidance.motion.began != self._began:  # who analyses a recording cannot know it else
             self._began = guidance.motion.began
             if self._began is not None:
                 self.values[BEGAN] = self._began
                 self.publish()
-        self.state(controller)
-        assert states.measured is not None
-        t, q, dq = states.measured
+        self.say(controller, is_answered=True)
+        state = states.measured
+        assert state is not None
+        t = state[0]
         if not self._period or self._next - self._period <= t < self._next:
             return
         self._next = t + self._period
-        stamp = Time(sec=stamp.sec, nanosec=stamp.nanosec)
         is_asked = guidance.ticked == t and not controller.fault
         tick = guidance.of_law if is_asked else None
         if is_commanded:
-            self._publish_arm(controller, tick, q, dq, stamp)
+            self._publish_arm(controller, tick, state)
         if self._frames is not None and not states.dispute.fault:  # else: whose state is it?
-            self.attempt(lambda: self._publish_frames(controller, tick, q, dq, stamp), "/tf")
+            self.attempt(lambda: self._publish_frames(controller, tick, state), "/tf")
 
-    def _publish_arm(
-        self, controller: Controller, tick: Tick | None, q: Array, dq: Array, stamp: Time
-    ) -> None:
-        """Publish the pose, and desired frame, error and Lyapunov function of a tick, if heard.
-
-        Without a tick the pose is that of the measured q, dq (n,).
-        """
-        robot, frame = controller.scheme.robot, controller.scheme.robot.base_frame
+    def _publish_arm(self, controller: Controller, tick: Tick | None, state: State) -> None:
+        """Publish what somebody listens to of the arm, and of a tick that answers its state."""
+        robot, stamp = controller.scheme.robot, stamp_to_ros(state[0])
+        frame = robot.base_frame
         if self._pose.get_subscription_count():
-            arm = robot.state(q, dq) if tick is None else tick.state
+            arm = robot.state(*state[1:]) if tick is None else tick.state
             self._pose.publish(pose_to_ros(arm.p_e, arm.R_e, stamp, frame))
         if tick is None:
             return
@@ -230,16 +219,12 @@ class ControlReport(Health):
             self._desired.publish(desired)
         if self._error.get_subscription_count():
             self._error.publish(error_to_ros(tick.dp_de, np.asarray(tick.x_de.error), stamp, frame))
-        if self._lyapunov.get_subscription_count():
-            lyapunov = controller.guidance.lyapunov()
-            if lyapunov is not None:
-                self._lyapunov.publish(lyapunov_to_ros(*lyapunov))
+        if self._lyapunov.get_subscription_count() and (V := controller.guidance.lyapunov()):
+            self._lyapunov.publish(lyapunov_to_ros(*V))
 
-    def _publish_frames(
-        self, controller: Controller, tick: Tick | None, q: Array, dq: Array, stamp: Time
-    ) -> None:
+    def _publish_frames(self, controller: Controller, tick: Tick | None, state: State) -> None:
         """Publish on /tf where the arm is, and the other frames of a tick."""
-        robot = controller.scheme.robot
+        robot, (t, q, dq) = controller.scheme.robot, state
         arm = robot.state(q, dq)
         frames = {"actual": DesiredFrame(arm.p_e, arm.R_e)}
         if tick is not None:
@@ -249,7 +234,7 @@ class ControlReport(Health):
         name, transforms = self._node.get_fully_qualified_name().strip("/"), []
         for which, frame in frames.items():
             msg = TransformStamped(child_frame_id=f"{name}/{which}")  # two arms share /tf
-            msg.header.stamp, msg.header.frame_id = stamp, robot.base_frame
+            msg.header.stamp, msg.header.frame_id = stamp_to_ros(t), robot.base_frame
             msg.transform.translation = vector_to_ros(frame.p_d)
             msg.transform.rotation = quaternion_to_ros(frame.R_d)
             transforms.append(msg)
@@ -267,7 +252,6 @@ _DOING = {
 
 
 def _doing(mode: Mode, why: Why) -> str:
-    """Return what a controller without a fault does, in words."""
     if why.cause is Cause.STREAM_ENDED and not why.note:
         return "holding the last desired pose: the set-points have stopped"
     return f"{_DOING[mode]}, after {why.note}" if why.note else _DOING[mode]
@@ -285,7 +269,6 @@ def _slowed(controller: Controller) -> str:
 
 
 def _nearness(controller: Controller) -> str:
-    """Return what the arm is near to, in words; "" if it is clear of all."""
     pace, words = controller.guidance.pace, []
     if pace.singularity is not Nearness.CLEAR:
         words.append(f"{pace.singularity.name.lower()} a kinematic singularity")
@@ -294,19 +277,3 @@ def _nearness(controller: Controller) -> str:
         words.append(f"{pace.limit.name.lower()} the limit of {joint}")
     slowed = "slowed down, " if words and controller.guidance.scale.now < 1 else ""
     return slowed + " and ".join(words)
-
-
-def _values(controller: Controller, tick: Tick) -> Values:
-    """Return what /diagnostics shows of a tick of any scheme."""
-    arm, parameters = tick.state, controller.scheme.parameters
-    distance = parameters.representation().singularity_distance(tick.desired.R_d, arm.R_e)
-    pace, sigma = controller.guidance.pace, sigma_min(arm.J, controller.scheme.robot.length)
-    return {
-        "orientation": parameters.orientation,
-        "distance to representation singularity [rad]": distance,
-        "smallest singular value of J": sigma,
-        "inverse of J": "damped" if sigma < parameters.damping_eps else "exact",
-        "kinematic singularity": pace.singularity.name.lower(),
-        "limit of a joint": pace.limit.name.lower(),
-        "saturated": int(tick.saturated),
-    }

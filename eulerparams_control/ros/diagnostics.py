@@ -32,7 +32,7 @@ _LONGEST_REASON = 300
 
 
 class Health:
-    """The health of a node: a level, a message, counters and values.
+    """The health of a node: a state with its level, counters, values, and what passes.
 
     Args:
         node: the node that reports.
@@ -61,13 +61,6 @@ class Health:
 
     def _on_timer(self) -> None:
         self.check()
-        self._look_at_qos()
-        if not self._is_logged:
-            self._log()
-        self.publish()
-
-    def _look_at_qos(self) -> None:
-        """Complain of publishers that a subscription of the node cannot hear."""
         self.values.pop(UNHEARD, None)
         for subscription in self._node.subscriptions:
             if (why := unheard(self._node, subscription)).fault:
@@ -75,10 +68,12 @@ class Health:
                 self.values[UNHEARD] = text
                 self.complain(text, error=True, about=f"QoS of {subscription.topic_name}")
                 self.warn(f"a publisher of {subscription.topic_name} is not heard")
+        if not self._is_logged:
+            self._log()
+        self.publish()
 
     @property
     def _now(self) -> float:
-        """The time [s] of the node's clock."""
         return float(self._node.get_clock().now().nanoseconds / 1e9)
 
     def set(
@@ -93,33 +88,30 @@ class Health:
             mode: what the node does, for programs.
             cause: why, for programs; "" if as it was asked to.
         """
-        state = level, message, remedy, mode, cause
-        if state == (self._level, self.message, self._remedy, self._mode, self._cause):
+        before = self._level, self.message, self._remedy, self._mode, self._cause
+        if (level, message, remedy, mode, cause) == before:
             return
-        if (mode, cause) != (self._mode, self._cause):
+        if (mode, cause) != before[3:]:
             self._since = self._now
             tell(Event.MODE, mode=mode, cause=cause)
-        is_new = (level, message) != (self._level, self.message)
+        if level == ERROR and (level, message) != before[:2]:
+            self.count("faults")
+            self.values |= {"last fault": message, "last fault at [s]": self._now}
         self._level, self.message, self._remedy = level, message, remedy
         self._mode, self._cause = mode, cause
-        if level == ERROR and is_new:
-            self.count("faults")
-            self.values["last fault"] = message
-            self.values["last fault at [s]"] = self._now
         self._log()
         self._status_publisher.publish(self._status(level, message, {}))
         self.publish()
 
     def _log(self) -> None:
         """Log the state."""
-        level, message = self._level, self.message
-        if level == OK:
-            self._node.get_logger().info(message)
+        if self._level == OK:
+            self._node.get_logger().info(self.message)
             self._is_logged = True
-        else:
-            # one that comes again and again, with other numbers, does not hide the rest
-            about = f"{self._mode} {self._cause}" if level == WARN and self._cause else ""
-            self._is_logged = self.complain(message, error=level == ERROR, about=about)
+            return
+        # one that comes again and again, with other numbers, does not hide the rest
+        about = f"{self._mode} {self._cause}" if self._level == WARN and self._cause else ""
+        self._is_logged = self.complain(self.message, error=self._level == ERROR, about=about)
 
     def complain(self, message: str, *, error: bool = False, about: str = "") -> bool:
         """Log a warning or an error, those about the same not more than every few seconds.
@@ -127,7 +119,7 @@ class Health:
         Return whether it was logged.  ``about`` is what it is about; "" is the message itself.
         """
         now, key = steady.now(), about or message
-        if now - self._logged.get(key, -_REPEAT_SECONDS) < _REPEAT_SECONDS:
+        if now - self._logged.get(key, -math.inf) < _REPEAT_SECONDS:
             return False
         self._logged.pop(key, None)
         self._logged[key] = now  # the newest last
@@ -141,7 +133,7 @@ class Health:
         return True
 
     def warn(self, message: str) -> None:
-        """Warn for some seconds, where else all is well."""
+        """Show a warning for some seconds, where else all is well."""
         is_new = steady.now() >= self._passing.get(message, -math.inf)
         self._passing[message] = steady.now() + _PASSES
         if is_new:
@@ -178,17 +170,13 @@ class Health:
         self._publisher.publish(msg)
 
     def _status(self, level: bytes, message: str, more: Values) -> DiagnosticStatus:
-        values = {
-            MODE: self._mode,
-            CAUSE: self._cause,
-            SINCE: f"{self._since:.9f}",
-            REMEDY: self._remedy,
-        }
+        since = f"{self._since:.9f}"
+        state = {MODE: self._mode, CAUSE: self._cause, SINCE: since, REMEDY: self._remedy}
         return DiagnosticStatus(
             level=level,
             name=self._node.get_fully_qualified_name().lstrip("/"),
             message=message,
-            values=[KeyValue(key=k, value=_text(value)) for k, value in (values | more).items()],
+            values=[KeyValue(key=k, value=_text(value)) for k, value in (state | more).items()],
         )
 
 

@@ -23,7 +23,7 @@ from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.common import LATEST
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
-from eulerparams_control.ros.commands import ComplianceCommands, ImpedancePublisher
+from eulerparams_control.ros.commands import ImpedancePublisher
 from eulerparams_control.ros.control_node import ControlNode
 from eulerparams_control.ros.message_info import deserialized
 from eulerparams_control.ros.publishers import refuse_two_publishers, unheard
@@ -104,14 +104,6 @@ class ImpedanceControlNode(ControlNode):
         except ConfigurationError as error:
             raise InvalidMessageError(str(error)) from error
         self._stiffness = stiffness
-
-    def make_commands(self, joints: tuple[str, ...]) -> ComplianceCommands:
-        """Return the publishers of ``compliant_frame`` and ``joint_effort``."""
-        robot = self._robot
-        assert robot is not None
-        efforts = super().make_commands(joints) if self._params.commands_joints else None
-        frames = robot.base_frame, robot.tip_frame
-        return ComplianceCommands(self, *frames, efforts)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Build the robot from its description; forget tare and sensor."""

@@ -53,26 +53,21 @@ def declare[P](
         ConfigurationError: if a value has the wrong type, size, or is out of bounds; if a
             parameter file is probably meant for the node, but names another.
     """
-    fields = fields_of(parameters)
+    fields, values = fields_of(parameters), {}
     refuse_misread(node.get_name(), fields)
     refuse_unknown(parameters, node._parameter_overrides, prefixes)
-    is_fixed = on_change is None
-    filled = parameters(**{n: _declare(node, field, is_fixed) for n, field in fields.items()})
+    for name, field in fields.items():  # checked before rclpy looks at them
+        given = node._parameter_overrides.get(name)
+        values[name] = checked(field, field.default if given is None else given.value)
+        typed, free = _typed(field, values[name]), ParameterDescriptor(dynamic_typing=True)
+        node.declare_parameter(name, typed.value, free, ignore_override=True)
+        if node.get_parameter(name).type_ is not typed.type_:  # rclpy guesses bytes for []
+            node.set_parameters([typed])
+        is_fixed = on_change is None or not field.metadata["live"]
+        node.set_descriptor(name, _descriptor(field, is_fixed))
+    filled = parameters(**values)
     _watch(node, filled, on_change)
     return filled
-
-
-def _declare(node: Node, field: dataclasses.Field[Any], is_fixed: bool) -> Any:
-    """Declare one parameter and return its value, checked before rclpy looks at it."""
-    name = field.name
-    given = node._parameter_overrides.get(name)
-    value = checked(field, field.default if given is None else given.value)
-    typed, free = _typed(field, value), ParameterDescriptor(dynamic_typing=True)
-    node.declare_parameter(name, typed.value, free, ignore_override=True)
-    if node.get_parameter(name).type_ is not typed.type_:  # rclpy guesses bytes for []
-        node.set_parameters([typed])
-    node.set_descriptor(name, _descriptor(field, is_fixed or not field.metadata["live"]))
-    return value
 
 
 def _typed(field: dataclasses.Field[Any], value: Any) -> Parameter:
@@ -84,26 +79,20 @@ def _typed(field: dataclasses.Field[Any], value: Any) -> Parameter:
 
 def _descriptor(field: dataclasses.Field[Any], is_fixed: bool) -> ParameterDescriptor:
     """Return what is shown of a parameter; numbers that are no list have a range, too."""
-    meta, bounds = field.metadata, field.metadata["bounds"]
+    meta = field.metadata
     text = meta["description"] + (f" [{meta['unit']}]" if meta["unit"] else "")
-    constraints = []
-    if bounds:
-        constraints.append(f"between {bounds[0]:g} and {bounds[1]:g}")
+    shown = ParameterDescriptor(description=text, read_only=is_fixed, dynamic_typing=True)
     if meta["choices"]:
-        constraints.append("one of " + ", ".join(meta["choices"]))
-    descriptor = ParameterDescriptor(
-        description=text,
-        additional_constraints="; ".join(constraints),
-        read_only=is_fixed,
-        dynamic_typing=True,
-    )
-    if bounds and field.type is float:
-        low, high = map(float, bounds)
-        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
-    if bounds and field.type is int:
-        low, high = map(int, bounds)
-        descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
-    return descriptor
+        shown.additional_constraints = "one of " + ", ".join(meta["choices"])
+    if meta["bounds"]:
+        low, high = map(float, meta["bounds"])
+        shown.additional_constraints = f"between {low:g} and {high:g}"
+        if field.type is float:
+            shown.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+        elif field.type is int:
+            whole = IntegerRange(from_value=int(low), to_value=int(high), step=1)
+            shown.integer_range = [whole]
+    return shown
 
 
 def _watch(node: Node, current: Any, on_change: Callable[[Any, Any], None] | None) -> None:
@@ -115,16 +104,14 @@ def _watch(node: Node, current: Any, on_change: Callable[[Any, Any], None] | Non
         try:
             unknown = [change.name for change in changes if not node.has_parameter(change.name)]
             refuse_unknown(type(current), unknown)
-            return [as_meant(change) for change in changes]
+            return [as_meant(change) if change.name in fields else change for change in changes]
         except ConfigurationError as error:  # the parameter services answer this kind alone
             refused = ParameterNotDeclaredException([])
             refused.args = (str(error),)
             raise refused from error
 
     def as_meant(change: Parameter) -> Parameter:
-        field = fields.get(change.name)
-        if field is None:
-            return change
+        field = fields[change.name]
         if on_change is None or not field.metadata["live"]:
             raise ConfigurationError(f"'{change.name}' cannot be changed while running")
         return _typed(field, checked(field, change.value))

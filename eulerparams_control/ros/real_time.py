@@ -41,7 +41,12 @@ def claim(parameters: RealTimeParameters, health: Health) -> None:
                 f"{name} {wanted} is not in force: {error.strerror} (errno {error.errno}); the "
                 f"node goes on without it. {remedy}"
             )
-    health.values.update(_in_force())
+    cpus = sorted(os.sched_getaffinity(0))
+    health.values |= {
+        "realtime_priority": os.sched_getparam(0).sched_priority,
+        "cpu_affinity": "all" if len(cpus) == os.cpu_count() else ", ".join(map(str, cpus)),
+        "locked memory [kB]": int(_status().get("VmLck", "0 kB").split()[0]),
+    }
 
 
 def _pin(cpus: tuple[int, ...]) -> None:
@@ -58,8 +63,8 @@ def _pin(cpus: tuple[int, ...]) -> None:
 
 
 def _prefer(priority: int) -> None:
-    parameter = os.sched_param(priority)
-    _each_thread(lambda thread: os.sched_setscheduler(thread, os.SCHED_FIFO, parameter))
+    wanted = os.SCHED_FIFO, os.sched_param(priority)
+    _each_thread(lambda thread: os.sched_setscheduler(thread, *wanted))
 
 
 def _lock_memory(_wanted: bool) -> None:
@@ -80,16 +85,5 @@ def _each_thread(call: Callable[[int], None]) -> None:
 
 
 def _status() -> dict[str, str]:
-    """Return what Linux tells of the process."""
     lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
     return {key: value.strip() for key, _, value in (line.partition(":") for line in lines)}
-
-
-def _in_force() -> dict[str, str | int]:
-    """Return what /diagnostics shows, by the names of the parameters."""
-    cpus = sorted(os.sched_getaffinity(0))
-    return {
-        "realtime_priority": os.sched_getparam(0).sched_priority,
-        "cpu_affinity": "all" if len(cpus) == os.cpu_count() else ", ".join(map(str, cpus)),
-        "locked memory [kB]": int(_status().get("VmLck", "0 kB").split()[0]),
-    }

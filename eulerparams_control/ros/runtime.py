@@ -1,14 +1,17 @@
-"""The runtime of every executable: signals, executor, exit codes."""
+"""The runtime of every executable: signals, executor, exit codes, and ``--help``."""
 
 import gc
+import inspect
+import shutil
 import signal
 import sys
+import textwrap
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from itertools import takewhile
 from pathlib import Path
-from typing import cast
+from typing import Any
 
 import rclpy
 from rclpy.experimental import EventsExecutor
@@ -19,12 +22,12 @@ from rclpy.utilities import remove_ros_args
 
 from eulerparams_control.errors import EulerParamsError, defect
 from eulerparams_control.events import Event, ExitCode, begin, tell
-from eulerparams_control.ros.usage import OPTIONS, usage
+from eulerparams_control.parameters.fields import allowed, default_text, fields_of
 
 RCLError = rclpy_implementation.RCLError
 UnknownROSArgsError = rclpy_implementation.UnknownROSArgsError
 
-# How often the loop looks whether a signal came; messages are handled at once.
+# How often [s] the loop looks whether a signal came; messages are handled at once.
 _POLL_SECONDS = 0.05
 
 # ROS reads the value of a parameter as YAML, in which ": " and " #" are no text.
@@ -34,7 +37,10 @@ _XML_AS_PARAMETER = (
     "|2\\n'; sed 's/^/      /' FILE.urdf) > robot.yaml"
 )
 
-# What moves is given this long to come to rest after a signal.
+# Widest and narrowest text [characters], however wide the terminal is, and how far it is indented.
+_WIDEST, _NARROWEST, _INDENT = 100, 20, 6 * " "
+
+# For so long [s] what moves may come to rest after a signal.
 _STOP_SECONDS = 3.0
 
 
@@ -43,15 +49,12 @@ def run(
     args: list[str] | None = None,
     *,
     tells: bool = True,
-    about: type[Node] | None = None,
+    about: type[Any] | None = None,
 ) -> int:
     """Run one node until it is done or SIGINT or SIGTERM arrives; return the exit code.
 
-    With ``--help`` it says what the node is, and its parameters, instead.
-
-    The default handlers of rclpy kill the context before a last command can be
-    published, so the signals are handled here.  Errors of this package end the
-    process with one line on stderr and their exit code.
+    With ``--help`` it says what the node is, and its parameters, instead.  Signals are handled
+    here: the handlers of rclpy end the context before a last command can be published.
 
     Args:
         make_node: makes the node, which may have these: ``done`` ends the loop; ``error`` is why;
@@ -62,8 +65,8 @@ def run(
         about: the class of the node; None: ``make_node`` is that.
     """
     own = sys.argv[1:] if args is None else args
-    if not {*OPTIONS}.isdisjoint(own):
-        print(usage(sys.argv[0], about or cast("type[Node]", make_node)))
+    if "-h" in own or "--help" in own:
+        print(usage(sys.argv[0], about or make_node))
         return ExitCode.OK
     if tells:
         begin()
@@ -85,12 +88,12 @@ def _run(make_node: Callable[[], Node], own: list[str]) -> tuple[ExitCode, str]:
     try:
         rclpy.init(args=own, signal_handler_options=SignalHandlerOptions.NO)
     except (RCLError, UnknownROSArgsError) as error:  # a parameter file that is not there, say
-        if xml := next((arg for arg in own if arg.partition(":=")[2].lstrip().startswith("<")), ""):
-            return ExitCode.ERROR, _XML_AS_PARAMETER.format(name=xml.partition(":=")[0])
+        for name, _, value in (arg.partition(":=") for arg in own):
+            if value.lstrip().startswith("<"):
+                return ExitCode.ERROR, _XML_AS_PARAMETER.format(name=name)
         text = " ".join(str(error).partition(", at /")[0].split())
-        return ExitCode.ERROR, (
-            f"{text}; in the folder {Path.cwd()}; a parameter is given as -p NAME:=VALUE"
-        )
+        expected = "expected parameters as -p NAME:=VALUE"
+        return ExitCode.ERROR, f"{text}; in the folder {Path.cwd()}; {expected}"
     if unknown := remove_ros_args(own):
         return ExitCode.ERROR, (
             f"unknown argument '{unknown[0]}'; parameters are given as --ros-args -p NAME:=VALUE "
@@ -116,7 +119,6 @@ def _run(make_node: Callable[[], Node], own: list[str]) -> tuple[ExitCode, str]:
 
 
 def _failure(error: Exception) -> tuple[ExitCode, str]:
-    """Return the exit code after an error, and what to say of it in one line."""
     if isinstance(error, EulerParamsError):
         return error.exit_code, str(error)
     return ExitCode.ERROR, f"{defect(error)}; please report it"
@@ -138,3 +140,30 @@ def _spin(node: Node, stopped: list[int]) -> None:
         while not at_rest() and time.monotonic() < deadline:
             with suppress(Exception):  # it is said already why the node ends
                 executor.spin_once(timeout_sec=_POLL_SECONDS)
+
+
+def usage(program: str, node: Any) -> str:
+    """Return the help of a node, whose class has ``parameters_type``, for the terminal.
+
+    Args:
+        program: how it was called; its name counts.
+        node: its class, in a module that says what it does.
+    """
+    width = max(_NARROWEST, min(shutil.get_terminal_size().columns, _WIDEST))
+    about = inspect.cleandoc(inspect.getmodule(node).__doc__ or "").replace("``", "")
+    lines = [
+        f"usage: {Path(program).name.removesuffix('_node.py')} "
+        "[--ros-args --params-file FILE] [--ros-args -p NAME:=VALUE] ...",
+        *("", about, "", "Parameters, with their defaults; those with * may change while it runs:"),
+    ]
+    fields = fields_of(node.parameters_type)
+    kinds = node.parameters_type.__mro__  # what is special comes first
+    for name in dict.fromkeys(name for kind in kinds for name in inspect.get_annotations(kind)):
+        if name in fields:
+            meta, words = fields[name].metadata, allowed(fields[name])
+            star, unit = "*" if meta["live"] else "", f" {meta['unit']}" if meta["unit"] else ""
+            text = meta["description"] + (f" ({' | '.join(words)})" if words else "")
+            lines += ["", f"  {name}{star}: {default_text(fields[name])}{unit}"]
+            wrapped = textwrap.wrap(text, width - len(_INDENT), break_on_hyphens=False)
+            lines += [_INDENT + line for line in wrapped]
+    return "\n".join(lines)

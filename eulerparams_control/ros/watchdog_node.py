@@ -23,7 +23,7 @@ from eulerparams_control.ros.commands import CommandPublisher
 from eulerparams_control.ros.message_info import NUMBER, with_info
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.publishers import names_of_publishers, refuse_two_publishers, unheard
-from eulerparams_control.ros.qos import QOS, QOS_LATCHED, QOS_STREAM, overridable
+from eulerparams_control.ros.qos import QOS, QOS_LATCHED, overridable
 from eulerparams_control.ros.runtime import run
 from eulerparams_control.ros.senders import Source
 
@@ -71,7 +71,7 @@ class WatchdogNode(Node):
         robot, kind = self._params.robot(urdf), self._params.command_type
         self._commands = JointReader(robot.joints, "joint_effort", LARGEST_COMMAND)
         self._reader = JointStateReader(robot.joints, needs_velocity=True)
-        self._driver = CommandPublisher(self, "driver_effort", kind, robot.joints, QOS_STREAM)
+        self._driver = CommandPublisher(self, "driver_effort", kind, robot.joints)
         self._watch, self._stamp = Watch(robot, self._params), Time()
         take_effort, take_state = self._on_effort, with_info(self._on_state)
         self._efforts = self.create_subscription(
