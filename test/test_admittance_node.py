@@ -121,7 +121,7 @@ def test_when_impedance_control_is_killed_clik_holds_and_its_successor_begins_wh
     assert_close(arm.q, q, LAW_IN_A_NODE)
     assert np.abs(arm.dq).max() < AT_REST
     assert len(arm.frames) == count
-    arm.release()
+    arm.push()
     both.impedance = world.start(NAME, COMPLIANT)
     world.until(lambda: (arm.send_next(), "active with" in both.impedance.log)[1], "active")
     arm.commands.clear()

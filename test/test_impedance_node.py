@@ -96,7 +96,7 @@ def paired(shared: Callable[[str], Controlled]) -> Iterator[Controlled]:
 
 def untouched(arm: FeelingArm) -> None:
     """Let nothing touch an arm, and its sensor be as it should."""
-    arm.release()
+    arm.push()
     arm.frames.clear()
     sensor = arm.sensor
     sensor.on, sensor.late, sensor.frame, sensor.bias = True, False, UR5.tip_frame, np.zeros(6)
@@ -166,7 +166,7 @@ def test_with_pairing_by_stamps_each_state_is_answered_once_with_its_own_wrench(
     end = settled(arm)
     assert_close(end.p_d - p, push[:3] / K_P, LAW_IN_A_NODE)
     assert np.linalg.norm(pose(arm.q)[0] - end.p_d) < LAW_IN_A_NODE
-    arm.release()
+    arm.push()
     assert angle_between(settled(arm).R_d, R) < LAW_IN_A_NODE
 
 
@@ -181,7 +181,7 @@ def test_with_pairing_by_stamps_a_state_waits_for_its_wrench_and_is_dropped_for_
     arm.push(10.0, 0.0, 0.0)
     wrench = arm.sensor.message(arm, arm.message().header.stamp)
     arm.sensor.wrenches.publish(wrench)
-    assert arm.answer(wrench.header.stamp).header.stamp == wrench.header.stamp
+    assert arm.answer().header.stamp == wrench.header.stamp
     assert_impedance(arm.frame(), p, R, np.array([10.0, 0, 0, 0, 0, 0]))
     arm.send_next(2)  # the first of them is dropped
     arm.sensor.on = True
@@ -265,7 +265,7 @@ def test_while_no_wrench_comes_the_compliant_frame_is_frozen_and_held_and_then_g
     for frame in moving:  # the last good one counts
         w = M_P * frame.ddp_d + D_P * frame.dp_d + K_P * (frame.p_d - p)
         assert_close(w, [20.0, 0.0, 0.0], 0.2)  # the tip turns a bit
-    arm.release()
+    arm.push()
     still = [settled(arm), settled(arm)]
     assert_at_rest(still)
     way = STOP_TIME * moving[-1].dp_d  # of a velocity that decays
@@ -459,7 +459,7 @@ def test_in_a_namespace_with_other_topics_a_sensor_of_the_other_sign_and_a_known
         found = settled(arm).p_d - p
         expected = [direction * 5.0 / K_P, 0.0, 0.0]
         assert_close(found, expected, LAW_IN_A_NODE)
-        arm.release()
+        arm.push()
     topics = {name for name, _ in peer.node.get_topic_names_and_types()}
     assert not topics & {"/joint_effort", "/compliant_frame", "/wrench", "/joint_states"}
     assert peer.node.count_subscribers("/left/wrench") == 0
