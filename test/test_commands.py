@@ -9,16 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from rclpy.serialization import deserialize_message, serialize_message
-from samples import uniform
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from eulerparams_control.laws.scheme import JointCommand
-from eulerparams_control.messages.to_ros import duration_to_ros, motion_to_ros
-from eulerparams_control.motion.frames import DesiredFrame
-from eulerparams_control.motion.trajectories import Trajectory
-from eulerparams_control.ros.commands import HORIZON, CommandPublisher, ComplianceCommands
+from eulerparams_control.messages.to_ros import duration_to_ros
+from eulerparams_control.ros.commands import HORIZON, CommandPublisher
 from eulerparams_control.ros.qos import QOS
 
 JOINTS = ["shoulder", "elbow"]
@@ -62,16 +59,3 @@ def test_a_message_says_the_parts_of_a_command_that_its_type_has(kind, drawn):
         publisher.publish(stamp, command)
         assert [*sent] == [each for each in [expected(kind, stamp, command)] if each is not None]
         sent.clear()
-
-
-@given(st.lists(STAMPS, min_size=2, max_size=2), arrays(
-    float, (2, 5, 3), elements=st.floats(-1e300, 1e300)))  # fmt: skip
-def test_a_compliant_frame_is_a_reference_of_one_point(stamps, vectors):
-    sent = Sent()
-    publisher = ComplianceCommands(sent, "base", "tool0", None)
-    for stamp, R, row in zip(stamps, uniform(2), vectors, strict=True):
-        frame = DesiredFrame(row[0], R, *row[1:])
-        publisher.publish(stamp, JointCommand(frame=frame))
-        msg = motion_to_ros(Trajectory([0.0], [frame]), "base", "tool0")
-        msg.header.stamp = stamp
-        assert sent[-1] == msg
