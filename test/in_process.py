@@ -524,14 +524,6 @@ class WorldPeer(Peer):
     def another_node(self, name: str) -> Any:
         return self.graph.create_node(name)
 
-    def catch_up(self) -> None:
-        """All has been received."""
-
-    def call(self, kind: Any, service: str, request: Any) -> Any:
-        if service not in self._clients:
-            self._clients[service] = self.node.create_client(kind, service)
-        return self.graph.ask(self._clients[service], request)
-
 
 def _match(publisher: Any, subscription: Subscription) -> bool:
     """Return whether DDS gives a subscription what a publisher sends."""

@@ -98,14 +98,6 @@ def wrench_stamped(*wrench: float, frame: str = UR5.tip_frame, stamp: Any = None
     return msg
 
 
-def efforts_of(commands: Sequence[Any]) -> Array:
-    """Return the efforts (ticks, n), which are finite and within the limits of the URDF."""
-    efforts = np.array([command.effort for command in commands])
-    assert np.isfinite(efforts).all()
-    assert (np.abs(efforts) <= MODEL.limits.effort).all()
-    return efforts
-
-
 def assert_holds(command: Any, q: Any, within: float = HELD) -> None:
     """Assert that a command keeps the arm at rest at q (n,), where it is to ``within`` [rad]."""
     if command.effort:
@@ -246,6 +238,13 @@ class Graph:
             self.peer.spin_once()
         return result
 
+    def ask(self, client: Any, request: Any) -> Any:
+        """Return the response of a service."""
+        self.until(client.service_is_ready, f"the service {client.srv_name}")
+        future = client.call_async(request)
+        self.until(future.done, f"an answer of {client.srv_name}")
+        return future.result()
+
     def advance(self, seconds: float) -> None:
         """Time goes by itself."""
 
@@ -286,7 +285,9 @@ class Peer:
 
     def call(self, kind: Any, service: str, request: Any) -> Any:
         """Return the response of a service of a node."""
-        raise NotImplementedError
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(kind, service)
+        return self.graph.ask(self._clients[service], request)
 
     def trigger(self, service: str) -> Any:
         """Return the response of a service that is asked for nothing but to act."""

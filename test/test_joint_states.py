@@ -3,15 +3,13 @@
 import math
 from typing import Any
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import serialize_message
 from samples import examples
 from sensor_msgs.msg import JointState
 
-from eulerparams_control.errors import InvalidMessageError
-from eulerparams_control.messages.from_ros import LARGEST, JointStateReader, ns_from_ros
+from eulerparams_control.messages.from_ros import JointStateReader, ns_from_ros
 from eulerparams_control.messages.joint_states import JointStateBytes
 from eulerparams_control.ros.message_info import deserialized
 
@@ -68,6 +66,8 @@ def test_what_is_read_at_the_bytes_is_what_rclpy_reads(pair):
 def test_steady_states_are_read_at_the_bytes_whatever_pads_them(drawn, names, frame_id, noise):
     n = len(names)
     first, second = (state(drawn.draw, names, frame_id, (n, n, n)) for _ in range(2))
+    if "finger" in names:
+        second.position[names.index("finger")] = math.nan  # not ours
     data = bytearray(serialize_message(second))
     behind = 16 + len(frame_id.encode()) + 1  # of the frame_id
     padding = -behind % 4
@@ -75,19 +75,3 @@ def test_steady_states_are_read_at_the_bytes_whatever_pads_them(drawn, names, fr
     found = JointStateBytes(first, JOINTS).read(bytes(data))
     assert found is not None
     assert repr(found[1:]) == repr(JointStateReader(JOINTS).from_ros(second)[1:])
-
-
-@pytest.mark.parametrize("field", ["position", "velocity"])
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1.01 * LARGEST, -1e300])
-def test_a_number_that_is_refused_is_not_read_at_the_bytes_but_if_it_is_another_joint_s(
-    field, value
-):
-    good = JointState(name=[*JOINTS, "finger"], position=[1.0] * 3, velocity=[2.0] * 3)
-    for joint in range(3):
-        bad = JointState(name=good.name, position=[1.0] * 3, velocity=[2.0] * 3)
-        getattr(bad, field)[joint] = value
-        found = JointStateBytes(good, JOINTS).read(bytes(serialize_message(bad)))
-        assert (found is None) is (joint < 2)
-        if found is None:
-            with pytest.raises(InvalidMessageError):
-                JointStateReader(JOINTS).from_ros(bad)
