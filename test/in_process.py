@@ -71,7 +71,8 @@ def module_of(executable: str) -> Any:
 
 def class_of(executable: str) -> type[Node]:
     """Return the class of the node of an executable, which its module defines."""
-    module = module_of(executable)
+    late = {"bag_recorder": "eulerparams_control.bags.ros.recorder_node"}  # it is imported late
+    module = importlib.import_module(late.get(executable, executables()[executable]))
     kinds = (each for each in vars(module).values() if isinstance(each, type))
     return next(k for k in kinds if issubclass(k, Node) and k.__module__ == module.__name__)
 

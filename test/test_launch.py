@@ -12,20 +12,17 @@ from typing import Any
 
 import pytest
 import yaml
-from in_process import World
+from in_process import World, class_of
 from ros_processes import FRAMES, HOME, UR5, Arm, Process, environment
 from sensor_msgs.msg import JointState
 
-from eulerparams_control.bags.ros.recorder_node import RecorderParameters
 from eulerparams_control.command_line import executables
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.parameters.fields import from_mapping
-from eulerparams_control.parameters.schemes import COMMANDS, schemes
-from eulerparams_control.parameters.watchdog import WatchdogParameters
+from eulerparams_control.parameters.schemes import COMMANDS
 from eulerparams_control.resources import config_names
 from eulerparams_control.ros.arm_launch import load_arm
 from eulerparams_control.ros.rviz import FEEDBACK, UPDATE
-from sim_bridge.bridge_parameters import BridgeParameters
 
 ROOT = Path(__file__).resolve().parents[1]
 ADMITS = "impedance_control"
@@ -37,11 +34,6 @@ TAKES = {
     **dict.fromkeys(("iiwa", "gen3"), (*POSITIONS, "push_test")),
 }
 CASES = [(file, controller) for file, controllers in TAKES.items() for controller in controllers]
-PARAMETERS = {name: scheme.parameters for name, scheme in schemes().items()} | {
-    "watchdog": WatchdogParameters,
-    "pybullet_bridge": BridgeParameters,
-    "bag_recorder": RecorderParameters,
-}
 
 
 def stand_in(kind: str) -> Callable[..., SimpleNamespace]:
@@ -95,7 +87,7 @@ def passed(node: SimpleNamespace) -> dict[str, Any]:
 
 def values(node: SimpleNamespace) -> dict[str, Any]:
     """Return all parameters of a node, checked as it would itself."""
-    return vars(from_mapping(PARAMETERS[node.executable], passed(node)))
+    return vars(from_mapping(class_of(node.executable).parameters_type, passed(node)))
 
 
 def by_name(nodes: Sequence[SimpleNamespace]) -> dict[str, SimpleNamespace]:

@@ -16,7 +16,7 @@ import rclpy
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from in_process import World, run_to_its_end
+from in_process import World, class_of, run_to_its_end
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
@@ -24,21 +24,14 @@ from rclpy.parameter import Parameter
 from ros_processes import ros_arguments
 from samples import examples
 
-from eulerparams_control.bags.ros.recorder_node import RecorderParameters
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.experiments.definition import load_experiment
-from eulerparams_control.lab.fault_injector_node import InjectorParameters
 from eulerparams_control.parameters.fields import fields_of, from_mapping, parameter
-from eulerparams_control.parameters.reference import ReferenceParameters
 from eulerparams_control.parameters.schemes import schemes
-from eulerparams_control.parameters.teleop import TeleopParameters
-from eulerparams_control.parameters.watchdog import WatchdogParameters
 from eulerparams_control.resources import config_folder, config_names
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.ros.parameter_files import refuse_misread
 from eulerparams_control.ros.parameters import declare
-from eulerparams_control.tool.parameters import IdentifyToolParameters
-from sim_bridge.bridge_parameters import BridgeParameters
 
 
 @dataclass(frozen=True)
@@ -196,26 +189,15 @@ def test_speed_scale_and_effort_rate_bound_the_commands(name):
 
 
 # --- any value -------------------------------------------------------------------------------
-KINDS = {
-    **{name: scheme.parameters for name, scheme in schemes().items()},
-    "reference": ReferenceParameters,
-    "pybullet_bridge": BridgeParameters,
-    "bag_recorder": RecorderParameters,
-    "identify_tool": IdentifyToolParameters,
-}
-OTHERS = {
-    "teleop": TeleopParameters,
-    "watchdog": WatchdogParameters,
-    "fault_injector": InjectorParameters,
-}
+NODES = (*schemes(), "reference", "pybullet_bridge", "bag_recorder", "identify_tool")
 forty = examples(40)
 
 
-@pytest.mark.parametrize("executable", KINDS | OTHERS)
+@pytest.mark.parametrize("executable", [*NODES, "teleop", "watchdog", "fault_injector"])
 def test_each_parameter_of_a_node_shows_its_bounds_as_a_range_and_whether_it_can_change(
     node, executable
 ):
-    kind, own = (KINDS | OTHERS)[executable], node()
+    kind, own = class_of(executable).parameters_type, node()
     declare(own, kind, lambda old, new: None)
     for name, field in fields_of(kind).items():
         shown, bounds = own.describe_parameter(name), field.metadata["bounds"]
@@ -259,11 +241,11 @@ def assert_of_their_types(found: Any) -> None:
             assert not field.metadata["choices"] or each in field.metadata["choices"]
 
 
-@pytest.mark.parametrize("executable", KINDS)
+@pytest.mark.parametrize("executable", NODES)
 @forty
 @given(data=st.data())
 def test_any_value_of_a_parameter_is_of_its_type_or_refused_by_its_name(data, executable, node):
-    kind = KINDS[executable]
+    kind = class_of(executable).parameters_type
     name = data.draw(st.sampled_from([field.name for field in dataclasses.fields(kind)]))
     value = data.draw(VALUES)
     refusal = ""
@@ -366,7 +348,7 @@ FILES = (
 )
 
 
-@pytest.mark.parametrize("executable", KINDS)
+@pytest.mark.parametrize("executable", NODES)
 def test_an_executable_refuses_a_file_in_one_line_and_ends(executable, tmp_path):
     file = tmp_path / "parameters.yaml"
     other = f"/{executable}x: {{ros__parameters: {{a: 1}}}}"
