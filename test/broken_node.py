@@ -1,24 +1,17 @@
 """A controller with a defect where no message can cause one: python -m broken_node NODE."""
 
 import sys
+from importlib import import_module
 from typing import Any
 
-from eulerparams_control.laws.clik import Clik
-from eulerparams_control.laws.dynamic_control import DynamicControl
-from eulerparams_control.ros import clik_node, dynamic_control_node, managed_node, runtime
+import numpy as np
 
-NODES = {
-    "clik": (clik_node.ClikNode, clik_node.main, Clik),
-    "dynamic_control": (
-        dynamic_control_node.DynamicControlNode,
-        dynamic_control_node.main,
-        DynamicControl,
-    ),
-}
+from eulerparams_control.command_line import executables
+from eulerparams_control.control.controller import Controller
+from eulerparams_control.ros import control_node, managed_node, runtime
 
-# When the desired frame is faster than this [m/s] the defect shows.
+# When a joint is faster than this [rad/s] the defect shows.
 MOVES = 0.02
-
 # Time [s] that the arm is given to come to rest: the machine may be busy.
 PATIENCE = 60.0
 
@@ -26,22 +19,20 @@ PATIENCE = 60.0
 def main() -> int:
     """Run the node named by the first argument with a defect in a timer."""
     managed_node.LONGEST = runtime._STOP_SECONDS = PATIENCE
-    node, run, scheme = NODES[sys.argv[1]]
-    tick = scheme.tick
-    moved = []
+    step, moved = Controller.step, []
 
-    def noticing_tick(self: Any, dt: float, q: Any, dq: Any, desired: Any) -> Any:
-        moved.extend([True] * bool(desired.dp_d @ desired.dp_d > MOVES**2))
-        return tick(self, dt, q, dq, desired)
+    def noticing_step(self: Any, stamp: Any, q: Any, dq: Any, *more: Any, **given: Any) -> Any:
+        moved.extend([True] * bool(np.abs(dq).max() > MOVES))
+        return step(self, stamp, q, dq, *more, **given)
 
     def values_now(_self: Any) -> dict[str, Any]:
         if moved:
             raise ZeroDivisionError("planted in a timer")
         return {}
 
-    scheme.tick = noticing_tick  # type: ignore[method-assign]
-    node.values_now = values_now  # type: ignore[method-assign]
-    return run(sys.argv[2:])
+    Controller.step = noticing_step  # type: ignore[method-assign]
+    control_node.ControlNode.values_now = values_now  # type: ignore[method-assign]
+    return int(import_module(executables()[sys.argv[1]]).main(sys.argv[2:]))
 
 
 if __name__ == "__main__":

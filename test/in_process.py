@@ -71,7 +71,8 @@ def module_of(executable: str) -> Any:
 
 def class_of(executable: str) -> type[Node]:
     """Return the class of the node of an executable, which its module defines."""
-    module = module_of(executable)
+    late = {"bag_recorder": "eulerparams_control.bags.ros.recorder_node"}  # it is imported late
+    module = importlib.import_module(late.get(executable, executables()[executable]))
     kinds = (each for each in vars(module).values() if isinstance(each, type))
     return next(k for k in kinds if issubclass(k, Node) and k.__module__ == module.__name__)
 
@@ -523,14 +524,6 @@ class WorldPeer(Peer):
 
     def another_node(self, name: str) -> Any:
         return self.graph.create_node(name)
-
-    def catch_up(self) -> None:
-        """All has been received."""
-
-    def call(self, kind: Any, service: str, request: Any) -> Any:
-        if service not in self._clients:
-            self._clients[service] = self.node.create_client(kind, service)
-        return self.graph.ask(self._clients[service], request)
 
 
 def _match(publisher: Any, subscription: Subscription) -> bool:

@@ -27,7 +27,6 @@ from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -43,6 +42,7 @@ from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.motion.trajectories import Trajectory
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
+from eulerparams_control.ros.qos import QOS_LATCHED
 
 ROOT = Path(__file__).resolve().parents[1]
 # A guard against hanging, not a measure: what is waited for takes a second or two.
@@ -98,14 +98,6 @@ def wrench_stamped(*wrench: float, frame: str = UR5.tip_frame, stamp: Any = None
     return msg
 
 
-def efforts_of(commands: Sequence[Any]) -> Array:
-    """Return the efforts (ticks, n), which are finite and within the limits of the URDF."""
-    efforts = np.array([command.effort for command in commands])
-    assert np.isfinite(efforts).all()
-    assert (np.abs(efforts) <= MODEL.limits.effort).all()
-    return efforts
-
-
 def assert_holds(command: Any, q: Any, within: float = HELD) -> None:
     """Assert that a command keeps the arm at rest at q (n,), where it is to ``within`` [rad]."""
     if command.effort:
@@ -117,15 +109,8 @@ def assert_holds(command: Any, q: Any, within: float = HELD) -> None:
 
 
 def assert_may_stay(command: Any, arm: "Arm", within: float = HELD) -> None:
-    """Assert that a command is one to stay: it holds the position, or only compensates gravity.
-
-    The position is that of the arm to ``within`` [rad].
-    """
-    if command.effort:
-        state = MODEL.dynamic_state(arm.q, 0.0 * arm.q)
-        np.testing.assert_allclose(command.effort, state.g, atol=HOLDING_EFFORT)
-    else:
-        assert_holds(command, arm.q, within)
+    """Assert that a command keeps an arm at rest where it is to ``within`` [rad]."""
+    assert_holds(command, arm.q, within)
 
 
 def ros_arguments(
@@ -139,13 +124,6 @@ def ros_arguments(
         files = [*files, own]
     words = [word for file in files for word in ("--params-file", str(file))]
     return ["--ros-args", *words, *(word for rule in rules for word in ("-r", rule))]
-
-
-def free_domain() -> int:
-    """Return a domain that nobody uses now."""
-    domain = Domain(DOMAINS)
-    domain.release()
-    return domain.number
 
 
 def environment(folder: Path, domain: int) -> dict[str, str]:
@@ -201,7 +179,7 @@ class Process:
 
     def stop(self) -> int:
         """Send SIGINT; return the exit code."""
-        self.signal(signal.SIGINT)
+        self._child.send_signal(signal.SIGINT)
         return self.end()
 
     def kill(self) -> None:
@@ -260,6 +238,13 @@ class Graph:
             self.peer.spin_once()
         return result
 
+    def ask(self, client: Any, request: Any) -> Any:
+        """Return the response of a service."""
+        self.until(client.service_is_ready, f"the service {client.srv_name}")
+        future = client.call_async(request)
+        self.until(future.done, f"an answer of {client.srv_name}")
+        return future.result()
+
     def advance(self, seconds: float) -> None:
         """Time goes by itself."""
 
@@ -275,11 +260,11 @@ class Peer:
     def __init__(self, graph: Any) -> None:
         self.graph = graph
         self._clients: dict[str, Any] = {}
-        self._statuses: dict[str, list[Any]] | None = None
+        self._diagnostics: list[Any] | None = None
         self.received = 0  # messages, of all lists
 
     def publisher(self, kind: Any, topic: str, *, latched: bool = False) -> Any:
-        return self.node.create_publisher(kind, topic, _qos(100, latched))
+        return self.node.create_publisher(kind, topic, QOS_LATCHED if latched else 100)
 
     def sender(self, kind: Any, topic: str) -> Any:
         """Return a publisher that somebody listens to."""
@@ -295,12 +280,14 @@ class Peer:
             self.received += 1
             messages.append(msg)
 
-        self.node.create_subscription(kind, topic, keep, _qos(5000, latched))
+        self.node.create_subscription(kind, topic, keep, QOS_LATCHED if latched else 5000)
         return messages
 
     def call(self, kind: Any, service: str, request: Any) -> Any:
         """Return the response of a service of a node."""
-        raise NotImplementedError
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(kind, service)
+        return self.graph.ask(self._clients[service], request)
 
     def trigger(self, service: str) -> Any:
         """Return the response of a service that is asked for nothing but to act."""
@@ -335,21 +322,15 @@ class Peer:
         meanwhile: Callable[[], Any] = lambda: None,
     ) -> Any:
         """Return the next status of a node on /diagnostics that meets a condition."""
-        if self._statuses is None:
-            self._statuses = {}
-
-            def keep(msg: Any) -> None:
-                assert self._statuses is not None
-                for status in msg.status:
-                    self._statuses.setdefault(status.name, []).append(status)
-
-            self.node.create_subscription(DiagnosticArray, "/diagnostics", keep, 100)
-        statuses = self._statuses
-        statuses[node] = []
+        if self._diagnostics is None:
+            self._diagnostics = self.listen(DiagnosticArray, "/diagnostics")
+        heard = self._diagnostics
+        heard.clear()
 
         def found() -> Any:
             meanwhile()
-            return next((status for status in statuses[node] if condition(status)), None)
+            of_node = (s for msg in heard for s in msg.status if s.name == node)
+            return next(filter(condition, of_node), None)
 
         return self.graph.until(found, f"diagnostics of {node}")
 
@@ -387,12 +368,6 @@ class SpunPeer(Peer):
             in_vain = in_vain + 1 if self.received == before else 0
 
 
-def _qos(depth: int, latched: bool) -> Any:
-    if latched:
-        return QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    return QoSProfile(depth=depth)
-
-
 def values(status: Any) -> dict[str, str]:
     return {pair.key: pair.value for pair in status.values}
 
@@ -418,11 +393,6 @@ class WristSensor:
         self.mass, self.com, self.bias = 0.0, np.zeros(3), np.zeros(6)
         self.gravity = np.array([0.0, 0.0, -9.81])
         self.wrenches = graph.peer.publisher(WrenchStamped, f"{namespace}/wrench")
-
-    def send(self, arm: "Arm", stamp: Any) -> None:
-        """Say what it measures on an arm, if it is on."""
-        if self.on:
-            self.wrenches.publish(self.message(arm, stamp))
 
     def message(self, arm: "Arm", stamp: Any) -> Any:
         """Return what it says of the contact of an arm, and of the tool."""
@@ -465,7 +435,7 @@ class Arm:
 
     def __init__(self, graph: Any, robot: Any, namespace: str = "", command: Any = None) -> None:
         self.graph, self.robot = graph, robot
-        self.joints = list(robot.joints)
+        self.model = _model(robot.urdf, robot.base_frame, robot.tip_frame)
         self.q = np.array(robot.home)
         self.dq = np.zeros(len(self.q))
         self.ddq = np.zeros(len(self.q))
@@ -491,9 +461,6 @@ class Arm:
         constant = np.array([*wrench, *[0.0] * (6 - len(wrench))])
         self.environment = lambda _state: constant
 
-    def release(self) -> None:
-        self.push()
-
     def start_afresh(self, q: Array | None = None) -> Any:
         """Restart where nothing is left of the contact before, which is balanced at first."""
         self.start_anew(q)
@@ -501,41 +468,36 @@ class Arm:
 
     def contact(self) -> Array:
         """Return what is exerted on the tool now (6,), about the tip, base axes."""
-        robot = self.robot
-        return self.environment(
-            _model(robot.urdf, robot.base_frame, robot.tip_frame).state(self.q, self.dq)
-        )
+        return self.environment(self.model.state(self.q, self.dq))
 
     def frame(self) -> DesiredFrame:
         """Return the compliant frame that answers the present state."""
-        assert ns_from_ros(self.frames[-1].header.stamp) == self.t
-        return self._frame(self.frames[-1])
+        return self.frames_of([self.t])[0]
 
     def frames_of(self, stamps: Sequence[int]) -> list[DesiredFrame]:
         """Return the compliant frames that answer the states stamped so [ns]."""
         by_stamp = {ns_from_ros(msg.header.stamp): msg for msg in self.frames}
-        return [self._frame(by_stamp[stamp]) for stamp in stamps]
-
-    def _frame(self, msg: Any) -> DesiredFrame:
-        point, _ = motion_from_ros(msg, self.robot.base_frame, self.robot.tip_frame, 0.0)
-        (frame,) = point.frames
-        return frame
+        frames = self.robot.base_frame, self.robot.tip_frame
+        motions = (motion_from_ros(by_stamp[stamp], *frames, 0.0)[0] for stamp in stamps)
+        return [frame for motion in motions for frame in motion.frames]
 
     def message(self, q: Array | None = None) -> Any:
         """Return joint_states for q, or for where the joints are, at the present stamp."""
         position = (self.q if q is None else q).tolist()
-        msg = JointState(name=self.joints, position=position, velocity=self.dq.tolist())
+        names, velocity = list(self.robot.joints), self.dq.tolist()
+        msg = JointState(name=names, position=position, velocity=velocity)
         msg.header.stamp = stamp_to_ros(self.t)
         return msg
 
     def send(self, msg: Any) -> None:
         """Send joint_states, and what the sensor says at the present position."""
-        sensor, stamp = self.sensor, msg.header.stamp
+        sensor = self.sensor if self.sensor is not None and self.sensor.on else None
+        if sensor is None or sensor.late:
+            self.states.publish(msg)
+        if sensor is not None:
+            sensor.wrenches.publish(sensor.message(self, msg.header.stamp))
         if sensor is not None and not sensor.late:
-            sensor.send(self, stamp)
-        self.states.publish(msg)
-        if sensor is not None and sensor.late:
-            sensor.send(self, stamp)
+            self.states.publish(msg)
 
     def send_next(self, count: int = 1) -> None:
         """Send the state under the next stamps, 1 ms apart, and wait for nothing."""
@@ -567,9 +529,8 @@ class Arm:
         self._pass(dt, q)
         self.t += round(dt * 1e9)
         self.graph.advance(min(max(dt, 0.0), TICK))  # a jump of the stamps is none of the time
-        msg = self.message()
-        self.send(msg)
-        command = self.answer(msg.header.stamp)
+        self.send(self.message())
+        command = self.answer()
         self._obey(command)
         return command
 
@@ -581,20 +542,14 @@ class Arm:
         """Tick until something has ended, answered or not; return q (n,) by stamp [ns]."""
         positions: dict[int, Array] = {}
 
-        def answers() -> list[Any]:
-            return [command for command in self.commands if command.header.stamp == stamp]
-
         deadline = time.monotonic() + PATIENCE
         while not ended():
             assert time.monotonic() < deadline, f"it does not end:\n{self.graph.logs()}"
             self._pass(0.001, None)
-            self.t += 1_000_000
+            self.send_next()
             positions[self.t] = self.q
-            msg = self.message()
-            stamp = msg.header.stamp
-            self.send(msg)
-            self.graph.until(lambda: answers() or ended(), "an answer or the end")
-            for command in answers()[:1]:
+            self.graph.until(lambda: self._answers() or ended(), "an answer or the end")
+            for command in self._answers()[:1]:
                 self._obey(command)
                 self.commands.clear()
         return positions
@@ -607,38 +562,29 @@ class Arm:
     def _obey(self, command: Any) -> None:
         self.q, self.dq = np.array(command.position), np.array(command.velocity)
 
-    def answer(self, stamp: Any) -> Any:
-        """Return the command stamped ``stamp``, and forget the others."""
-
-        def found() -> Any:
-            return [command for command in self.commands if command.header.stamp == stamp]
-
-        command = self.graph.until(found, f"a command stamped {stamp}")[0]
+    def answer(self) -> Any:
+        """Return the command for the present stamp, and forget the others."""
+        command = self.graph.until(self._answers, f"a command stamped {self.t}")[0]
         self.commands.clear()
         return command
 
+    def _answers(self) -> list[Any]:
+        stamp = stamp_to_ros(self.t)
+        return [command for command in self.commands if command.header.stamp == stamp]
+
 
 class TorqueArm(Arm):
-    """An arm that takes efforts and moves as its dynamics say, eq. (32), from tick to tick.
-
-    Attributes:
-        disturbance: (n,) [Nm] on the joints that no model knows.
-    """
+    """An arm that takes efforts and moves as its dynamics say, eq. (32), from tick to tick."""
 
     topic = "joint_effort"
-
-    def __init__(self, graph: Any, robot: Any, namespace: str = "", command: Any = None) -> None:
-        super().__init__(graph, robot, namespace, command)
-        self._dynamics = Robot(robot.urdf, robot.base_frame, robot.tip_frame)
-        self._effort = np.zeros(len(self.q))
-        self.disturbance = np.zeros(len(self.q))
+    _effort: Any = 0.0
 
     def _pass(self, dt: float, q: Array | None) -> None:
         if q is not None:
             self.q, self.ddq = q, 0.0 * q
             return
-        state = self._dynamics.dynamic_state(self.q, self.dq)
-        tau = self._effort + self.disturbance + state.arm.J.T @ self.environment(state.arm)
+        state = self.model.dynamic_state(self.q, self.dq)
+        tau = self._effort + state.arm.J.T @ self.environment(state.arm)
         self.ddq = np.linalg.solve(state.B, tau - state.C_dq - state.g)
         self.dq = self.dq + dt * self.ddq
         self.q = self.q + dt * self.dq
@@ -650,8 +596,8 @@ class TorqueArm(Arm):
 class FeelingArm(TorqueArm):
     """A torque-controlled arm with a force/torque sensor."""
 
-    def __init__(self, graph: Any, robot: Any, namespace: str = "", command: Any = None) -> None:
-        super().__init__(graph, robot, namespace, command)
+    def __init__(self, *args: Any, **given: Any) -> None:
+        super().__init__(*args, **given)
         self.wear_sensor()
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from in_process import World
-from ros_processes import AT_ONCE, HOME, UNSHAPED, UR5, Arm, Array, pose, reference
+from ros_processes import AT_ONCE, HOME, UNSHAPED, UR5, Arm, pose, reference
 from samples import rodrigues
 from tolerances import LAW_IN_A_NODE, assert_close
 from trajectory_msgs.msg import MultiDOFJointTrajectory
@@ -39,27 +39,12 @@ def settle(arm: Arm) -> None:
     arm.ticks(100, dt=0.01)  # slowed down at first, as after a gap
 
 
-class CompliantArm(Arm):
-    """An arm that takes positions, and goes on only when both nodes have answered.
-
-    Else it would depend on the machine how many ticks the compliant frame is late.
-    """
-
-    alive = False  # impedance_control
-
-    def tick(self, q: Array | None = None, dt: float = 0.001) -> Any:
-        command = super().tick(q, dt)
-        if self.alive:
-            self.frame()
-        return command
-
-
 class Admittance:
     """Both nodes with an arm that takes positions, and feels what touches it."""
 
     def __init__(self, world: World, **of_clik: Any) -> None:
         self.world, self.peer = world, world.peer
-        self.arm = CompliantArm(world, UR5)
+        self.arm = Arm(world, UR5)
         self.arm.wear_sensor()
         self.references = self.peer.publisher(MultiDOFJointTrajectory, "reference")
         self.impedance = world.start(NAME, COMPLIANT)
@@ -73,7 +58,6 @@ class Admittance:
             return bool(self.arm.frames) and "following a reference" in clik.log
 
         world.until(following, "clik following")
-        self.arm.alive = True
         self.arm.start_afresh()
 
     def until_it_moves(self, ticks: int = 0) -> None:
@@ -112,7 +96,6 @@ def test_when_impedance_control_is_killed_clik_holds_and_its_successor_begins_wh
     arm.ticks(30)
     assert both.peer.counter("clik", "reference rejected") == before  # from the first frame on
     assert np.abs(arm.dq).max() > 0.05
-    arm.alive = False
     both.impedance.kill()
     arm.ticks(110)  # a set-point lasts 0.1 s
     settle(arm)
@@ -121,11 +104,10 @@ def test_when_impedance_control_is_killed_clik_holds_and_its_successor_begins_wh
     assert_close(arm.q, q, LAW_IN_A_NODE)
     assert np.abs(arm.dq).max() < AT_REST
     assert len(arm.frames) == count
-    arm.release()
+    arm.push()
     both.impedance = world.start(NAME, COMPLIANT)
     world.until(lambda: (arm.send_next(), "active with" in both.impedance.log)[1], "active")
     arm.commands.clear()
-    arm.alive = True
     settle(arm)
     assert_close(arm.frame().p_d, pose(q)[0], FOLLOWED)
     assert_close(arm.q, q, FOLLOWED)

@@ -4,30 +4,22 @@ import gc
 import io
 import subprocess
 import sys
-from importlib import import_module
 from unittest.mock import Mock
 
 import pytest
 import yaml
+from in_process import class_of, module_of
 from rich.console import Console
 from rich.text import Text
 
 from eulerparams_control import command_line, events
-from eulerparams_control.command_line import executables, say
+from eulerparams_control.command_line import say
 from eulerparams_control.events import ExitCode
 from eulerparams_control.parameters.fields import fields_of
 from eulerparams_control.parameters.schemes import schemes
-from eulerparams_control.parameters.watchdog import WatchdogParameters
 from eulerparams_control.ros import runtime
-from eulerparams_control.tool.parameters import IdentifyToolParameters
-from sim_bridge.bridge_parameters import BridgeParameters
 
-NODES = {name: scheme.parameters for name, scheme in schemes().items()}
-NODES |= {
-    "identify_tool": IdentifyToolParameters,
-    "pybullet_bridge": BridgeParameters,
-    "watchdog": WatchdogParameters,
-}
+NODES = (*schemes(), "identify_tool", "pybullet_bridge", "watchdog")
 
 
 def test_a_line_is_printed_as_it_is_however_long_it_is():
@@ -39,19 +31,19 @@ def test_a_line_is_printed_as_it_is_however_long_it_is():
 
 
 @pytest.mark.parametrize("option", ["-h", "--help"])
-@pytest.mark.parametrize("name", sorted(NODES))
+@pytest.mark.parametrize("name", NODES)
 def test_a_node_says_what_it_is_and_all_its_parameters(name, option, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", [f"/somewhere/{name}"])
     monkeypatch.setenv("COLUMNS", "60")
-    assert import_module(executables()[name]).main([option]) == 0
+    assert module_of(name).main([option]) == 0
     printed = capsys.readouterr().out
     assert printed.startswith(f"usage: {name} [--ros-args")
     lines = printed.splitlines()
     assert f"The node {name}" in printed
     assert max(len(line) for line in lines if line.startswith(6 * " ")) <= 60
     monkeypatch.setenv("COLUMNS", "5")  # too narrow for any word
-    assert import_module(executables()[name]).main([option]) == 0
-    for field in fields_of(NODES[name]).values():
+    assert module_of(name).main([option]) == 0
+    for field in fields_of(class_of(name).parameters_type).values():
         star = "*" if field.metadata["live"] else ""
         (at,) = (k for k, line in enumerate(lines) if line.startswith(f"  {field.name}{star}: "))
         assert lines[at + 1].split()[0] == field.metadata["description"].split()[0]

@@ -18,19 +18,18 @@ from in_process import World
 from ros_processes import (
     AT_ONCE,
     HOME,
+    MODEL,
     UR5,
     Array,
     Controlled,
     FeelingArm,
     assert_holds,
-    efforts_of,
     pose,
     reference,
     values,
     wrench_stamped,
 )
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 from tolerances import LAW_IN_A_NODE, assert_close
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
@@ -75,10 +74,13 @@ def shared(shared_world: World) -> Callable[[str], Controlled]:
 
 
 def use(controlled: Controlled) -> Iterator[Controlled]:
-    untouched(controlled.arm)
-    controlled.arm.start_afresh()
+    """Let nothing touch the arm, and its sensor be as it should."""
+    arm, sensor = controlled.arm, controlled.arm.sensor
+    arm.push()
+    sensor.on, sensor.late, sensor.bias = True, False, np.zeros(6)
+    arm.start_afresh()
+    arm.frames.clear()
     yield controlled
-    untouched(controlled.arm)
     controlled.restore()
 
 
@@ -92,14 +94,6 @@ def node(shared: Callable[[str], Controlled]) -> Iterator[Controlled]:
 def paired(shared: Callable[[str], Controlled]) -> Iterator[Controlled]:
     """A node that waits for the wrench of each state, so that nothing is left to chance."""
     yield from use(shared("stamp"))
-
-
-def untouched(arm: FeelingArm) -> None:
-    """Let nothing touch an arm, and its sensor be as it should."""
-    arm.release()
-    arm.frames.clear()
-    sensor = arm.sensor
-    sensor.on, sensor.late, sensor.frame, sensor.bias = True, False, UR5.tip_frame, np.zeros(6)
 
 
 def stamps_since(arm: FeelingArm, count: int) -> list[int]:
@@ -136,22 +130,10 @@ def assert_at_rest(frames: Sequence[DesiredFrame]) -> None:
         np.testing.assert_allclose(frame[2:4], 0.0, atol=STOPPED)
 
 
-def largest_step(commands: Sequence[JointState]) -> float:
-    """Return the largest change [Nm] of an effort from tick to tick."""
-    return float(np.abs(np.diff(efforts_of(commands), axis=0)).max())
-
-
-def tare(node: Controlled) -> Trigger.Response:
-    return node.peer.trigger(f"/{node.name}/tare")
-
-
 # --- one state, one wrench, one command ------------------------------------------------------
 def test_with_pairing_by_stamps_each_state_is_answered_once_with_its_own_wrench(paired):
     arm, (p, R) = paired.arm, pose(HOME)
     commands = paired.peer.listen(JointState, f"/stamp/{arm.topic}")
-    untouched(arm)
-    arm.start_afresh()
-    commands.clear()
     for i in range(20):
         arm.sensor.late = i % 2 == 0
         push = np.array([0.5 * i, -i, 0.0, 0.0, 0.02 * i, 0.0])
@@ -160,13 +142,13 @@ def test_with_pairing_by_stamps_each_state_is_answered_once_with_its_own_wrench(
         assert_impedance(arm.frame(), p, R, push)
 
     stamps = stamps_since(arm, 20)
-    assert [ns_from_ros(msg.header.stamp) for msg in commands][-20:] == stamps
-    assert [ns_from_ros(msg.header.stamp) for msg in arm.frames][-20:] == stamps
+    assert [ns_from_ros(msg.header.stamp) for msg in commands] == stamps
+    assert [ns_from_ros(msg.header.stamp) for msg in arm.frames] == stamps
 
     end = settled(arm)
     assert_close(end.p_d - p, push[:3] / K_P, LAW_IN_A_NODE)
     assert np.linalg.norm(pose(arm.q)[0] - end.p_d) < LAW_IN_A_NODE
-    arm.release()
+    arm.push()
     assert angle_between(settled(arm).R_d, R) < LAW_IN_A_NODE
 
 
@@ -181,7 +163,7 @@ def test_with_pairing_by_stamps_a_state_waits_for_its_wrench_and_is_dropped_for_
     arm.push(10.0, 0.0, 0.0)
     wrench = arm.sensor.message(arm, arm.message().header.stamp)
     arm.sensor.wrenches.publish(wrench)
-    assert arm.answer(wrench.header.stamp).header.stamp == wrench.header.stamp
+    assert arm.answer().header.stamp == wrench.header.stamp
     assert_impedance(arm.frame(), p, R, np.array([10.0, 0, 0, 0, 0, 0]))
     arm.send_next(2)  # the first of them is dropped
     arm.sensor.on = True
@@ -225,11 +207,10 @@ def test_the_stiffness_follows_its_topic_until_it_is_set(paired):
 
     arm.push(8.0, 0.0, 0.0)
     until_displaced_by(paired, 8.0 / K_P)
-    refused = paired.peer.counter(paired.name, "target_stiffness rejected")
-    for bad in ((math.nan, ""), (-1.0, ""), (1e9, ""), (500.0, "tool1")):
-        ask(*bad)
-        refused += 1
-        assert paired.peer.counter(paired.name, "target_stiffness rejected", refused) == refused
+    bad = ((math.nan, ""), (-1.0, ""), (1e9, ""), (500.0, "tool1"))
+    for each in bad:
+        ask(*each)
+    assert paired.peer.counter(paired.name, "target_stiffness rejected", len(bad)) == len(bad)
     settled(arm)
     until_displaced_by(paired, 8.0 / K_P)
     ask(500.0, UR5.base_frame)
@@ -265,7 +246,7 @@ def test_while_no_wrench_comes_the_compliant_frame_is_frozen_and_held_and_then_g
     for frame in moving:  # the last good one counts
         w = M_P * frame.ddp_d + D_P * frame.dp_d + K_P * (frame.p_d - p)
         assert_close(w, [20.0, 0.0, 0.0], 0.2)  # the tip turns a bit
-    arm.release()
+    arm.push()
     still = [settled(arm), settled(arm)]
     assert_at_rest(still)
     way = STOP_TIME * moving[-1].dp_d  # of a velocity that decays
@@ -279,8 +260,10 @@ def test_while_no_wrench_comes_the_compliant_frame_is_frozen_and_held_and_then_g
     arm.sensor.on = True
     commands += arm.ticks(40)
     assert_no_jump([last, *arm.frames_of(stamps_since(arm, 40))], DT)
-    assert largest_step(commands[:120]) <= EFFORT_RATE * DT + EFFORT_ROUNDING
-    assert largest_step(commands[120:]) <= EFFORT_RATE * DT + EFFORT_ROUNDING
+    efforts = np.array([command.effort for command in commands])
+    assert (np.abs(efforts) <= MODEL.limits.effort).all()
+    for part in (efforts[:120], efforts[120:]):
+        assert np.abs(np.diff(part, axis=0)).max() <= EFFORT_RATE * DT + EFFORT_ROUNDING
     assert_close(settled(arm).p_d, p, LAW_IN_A_NODE)
     status = node.status()
     assert status.level < b"\x02"
@@ -370,22 +353,48 @@ def test_a_simulator_that_repeats_its_first_state_is_answered(world, pairing, in
     arm = FeelingArm(world, UR5)
     process = world.start(NAME, {**SIMULATED, "use_sim_time": simulated, "wrench_pairing": pairing})
 
-    while not arm.commands:
-        world.advance(interval)
-        arm.send(arm.message())
-        assert world.now < 1100.0, process.log
-    assert {ns_from_ros(command.header.stamp) for command in arm.commands} == {arm.t}
-    assert_close(arm.frame().p_d, pose(HOME)[0], LAW_IN_A_NODE)
-    assert "rejected" not in process.log
+    def until_it_is_answered() -> None:
+        while not arm.commands:
+            world.advance(interval)
+            arm.send(arm.message())
+            assert world.now < 1100.0, process.log
+        assert {ns_from_ros(command.header.stamp) for command in arm.commands} == {arm.t}
+        assert_close(arm.frame().p_d, pose(HOME)[0], LAW_IN_A_NODE)
+        assert "rejected" not in process.log
 
-
-def test_in_real_time_a_driver_that_repeats_itself_is_stuck_and_activates_nothing(world):
-    arm = FeelingArm(world, UR5)
-    process = world.start(NAME, {**SIMULATED, "use_sim_time": False})
-    for _ in range(30):
+    until_it_is_answered()
+    assert world.peer.change_state(NAME, "deactivate")
+    world.peer.status(NAME, lambda s: values(s)["mode"] == "inactive")
+    arm.commands.clear()
+    arm.t += 10_000 * MS
+    for _ in range(12):
         world.advance(0.001)
         arm.send(arm.message())
-    assert "wrench rejected: the stamp" in process.log
+    assert world.peer.change_state(NAME, "activate"), process.log
+    until_it_is_answered()
+
+
+@pytest.mark.parametrize("simulated", [False, True])
+def test_a_driver_that_repeats_itself_or_a_sensor_while_states_go_on_activates_nothing(
+    world, simulated
+):
+    arm = FeelingArm(world, UR5)
+    given = {"use_sim_time": simulated, "wrench_timeout": 60.0}
+    process = world.start(NAME, SIMULATED | given)
+    stuck = arm.sensor.message(arm, arm.message().header.stamp)
+    arm.sensor.on = False
+
+    def repeat() -> None:
+        world.advance(0.001)
+        arm.t += MS * simulated
+        arm.sensor.wrenches.publish(stuck)
+        arm.send(arm.message())
+
+    for _ in range(40):
+        repeat()
+    status = world.peer.status(NAME, lambda s: "waiting for 10 wrenches" in s.message, repeat)
+    assert values(status)["mode"] == "inactive"
+    assert simulated or "wrench rejected: the stamp" in process.log
     assert arm.commands == []
 
 
@@ -406,28 +415,14 @@ def test_an_unstamped_sensor_that_measures_the_same_again_is_believed(world):
     assert_close(arm.frame().p_d, pose(HOME)[0], LAW_IN_A_NODE)
 
 
-def test_a_sensor_that_repeats_itself_while_states_go_on_does_not_activate(world):
-    arm = FeelingArm(world, UR5)
-    world.start(NAME, {**SIMULATED, "wrench_timeout": 60.0})
-    stuck = arm.sensor.message(arm, arm.message().header.stamp)
-    arm.sensor.on = False
-
-    for _ in range(40):
-        arm.sensor.wrenches.publish(stuck)
-        arm.send_next()
-    status = world.peer.status(NAME, lambda s: "waiting for 10 wrenches" in s.message)
-    assert values(status)["mode"] == "inactive"
-    assert arm.commands == []
-
-
 def test_a_tare_is_refused_for_too_few_wrenches_and_for_a_contact_that_is_pressed(paired):
     paired.arm.push(8.0, 0.0, 0.0)
     paired.change(force_dead_band=0.0)  # what was felt with other parameters does not count
     paired.arm.ticks(15)
     words = "not tared: 5 more valid wrenches are needed, 20 in all (tare_samples)"
-    assert tare(paired).message == words
+    assert paired.peer.trigger(f"/{paired.name}/tare").message == words
     settled(paired.arm)
-    response = tare(paired)
+    response = paired.peer.trigger(f"/{paired.name}/tare")
     assert not response.success
     assert "not tared: 8 N and" in response.message
     assert "are felt while the arm is controlled, more than max_activation_for" in response.message
@@ -459,7 +454,7 @@ def test_in_a_namespace_with_other_topics_a_sensor_of_the_other_sign_and_a_known
         found = settled(arm).p_d - p
         expected = [direction * 5.0 / K_P, 0.0, 0.0]
         assert_close(found, expected, LAW_IN_A_NODE)
-        arm.release()
+        arm.push()
     topics = {name for name, _ in peer.node.get_topic_names_and_types()}
     assert not topics & {"/joint_effort", "/compliant_frame", "/wrench", "/joint_states"}
     assert peer.node.count_subscribers("/left/wrench") == 0

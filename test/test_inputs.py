@@ -3,21 +3,16 @@
 import math
 import re
 from collections.abc import Callable, Iterator
-from itertools import count
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
-from rclpy.parameter import Parameter
-from rclpy.serialization import serialize_message
 from ros_processes import (
     FRAMES,
     HOME,
+    MODEL,
     TICK,
     UR5,
     Arm,
@@ -30,7 +25,7 @@ from ros_processes import (
 from samples import about
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from test_sources import REAL, Started, an_arm, told
+from test_sources import REAL, Started, an_arm, go_on, told
 from tolerances import RELATIVE, THROUGH_A_QUATERNION
 
 from eulerparams_control.control.clock import steady
@@ -43,11 +38,8 @@ from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.qos import QOS_LATCHED
-from eulerparams_control.ros.ros_time import RosTime
-from eulerparams_control.ros.state_input import StateInput
 from eulerparams_control.ros.wrench_input import WrenchInput
 
-MODEL = Robot(UR5.urdf, "base_link", "tool0")
 JOINTS = ("a", "b")
 NAN = math.nan
 
@@ -96,76 +88,6 @@ def without_velocities(arm: Any) -> None:
     arm.message = message
 
 
-def states_of(needs_velocity: bool = False) -> Any:
-    """Return an input of states, and what lets it take one."""
-    states = StateInput(None, RealTime(), timeout=0.1, on_dispute=lambda _: None)
-    states.expect(MODEL, needs_velocity)
-    numbers = count(1)
-
-    def take(t: float, q: Any, dq: Any, effort: Any = (), names: Any = MODEL.joints) -> None:
-        msg = JointState(name=names, position=list(q), velocity=list(dq), effort=list(effort))
-        msg.header.stamp = stamp_to_ros(round(t * 1e9))
-        states.take(serialize_message(msg), next(numbers))
-
-    return states, take
-
-
-def test_a_state_that_is_refused_does_not_make_a_moving_arm_one_at_rest():
-    states, take = states_of()
-    for k in range(20):
-        take(0.01 * k, HOME + 0.05 * k, [NAN] * 6)
-    assert "moves" in states.motion(MODEL)
-    with pytest.raises(InvalidMessageError, match="non-finite velocity"):
-        take(0.2, HOME + 1.0, [5.0] + [NAN] * 5)  # a driver that starts up joint by joint
-    assert "moves" in states.motion(MODEL)
-
-
-def test_velocities_that_are_missed_once_are_known_again_with_the_next_ones():
-    states, take = states_of(needs_velocity=True)
-    take(0.0, HOME, [0.0] * 6)
-    with pytest.raises(InvalidMessageError, match="no velocities"):
-        take(0.01, HOME, [NAN] * 6)
-    assert states.motion(MODEL) == ""
-
-
-def test_a_state_that_a_controller_refuses_does_not_end_the_silence():
-    now = 50.0
-    steady.go_by(lambda: now)
-    try:
-        states, take = states_of()
-        take(0.0, HOME, [0.0] * 6)
-        now = 50.3
-        take(0.3, HOME, [0.0] * 6)
-        assert not states.is_stale
-        states.refused(SimpleNamespace(is_contested=False))
-        assert states.is_stale
-    finally:
-        steady.go_by()
-
-
-def test_after_a_new_activation_no_command_has_answered_a_state_yet(world):
-    """In lock-step the robot repeats its state then, which is no driver that is stuck."""
-    node = Controlled(world, "clik", FRAMES)
-    states = node.process.node._input
-    node.arm.ticks(10)
-    assert states.is_commanded
-    assert node.peer.change_state("/clik", "deactivate")
-    world.until(lambda: not states.is_commanded, "the end of control")
-    node.arm.send_next()
-    assert node.peer.change_state("/clik", "activate")
-    assert not states.is_commanded
-    node.arm.tick()
-    assert states.is_commanded
-
-
-def test_efforts_are_those_of_the_joints_of_their_own_message():
-    states, take = states_of()
-    take(0.0, HOME, [0.0] * 6, range(6))
-    with pytest.raises(InvalidMessageError, match="non-finite position"):
-        take(0.01, [NAN] * 6, [0.0] * 6, range(6), MODEL.joints[::-1])
-    assert states.efforts.tolist() == [*range(6)]
-
-
 # --- others' joints -----------------------------------------------------------------------------
 def gripper(arm: Any) -> Any:
     """Return joint_states of a gripper, of now."""
@@ -181,8 +103,8 @@ def test_joint_states_of_others_are_ignored_in_silence(world, executable):
     others = rival.create_publisher(JointState, "joint_states", 10)
     node.follow(reference(goal(), times=(1.0,)))
     for _ in range(300):
-        others.publish(gripper(node.arm))
-        others.publish(gripper(node.arm))
+        for publisher in (others, others, node.arm.states):
+            publisher.publish(gripper(node.arm))
         node.arm.tick()  # it is answered
     shown = values(node.status())
     assert "joint_states rejected" not in shown
@@ -199,39 +121,39 @@ def test_bytes_that_are_no_message_are_rejected_and_the_next_state_is_answered(w
     assert_holds(node.arm.tick(), HOME)
 
 
-def test_joint_states_of_others_do_not_keep_those_of_the_arm_alive(world):
+@pytest.mark.parametrize("are_ours", [False, True])
+def test_joint_states_of_others_or_that_are_refused_do_not_keep_those_of_the_arm_alive(
+    world, are_ours
+):
     node = Controlled(world, "clik", REAL)
     node.arm.tick()
+    late = node.arm.message()
+    node.arm.tick()
 
-    def others() -> None:
+    def go_on() -> None:
         node.arm.t += 20_000_000
-        node.arm.states.publish(gripper(node.arm))
+        node.arm.states.publish(late if are_ours else gripper(node.arm))
 
-    status = node.peer.status("clik", lambda s: values(s)["cause"] == "no_states", others)
+    status = node.peer.status("clik", lambda s: values(s)["cause"] == "no_states", go_on)
     assert status.level == b"\x02"
+    assert ("joint_states rejected" in node.process.log) is are_ours
 
 
-def test_whose_joint_states_come_is_said_as_long_as_none_of_the_arm_do(world):
-    process = world.start("clik", {**FRAMES, "robot_description": UR5.urdf})
-    states = world.peer.publisher(JointState, "joint_states")
-    states.publish(JointState(name=["left_elbow_joint"], position=[0.0]))
-    words = "joint_states of left_elbow_joint came, but none yet of shoulder_pan_joint, shoulder_"
-    world.until_said(process, words)
-    assert "rejected" not in process.log
-
-
-def test_that_nobody_publishes_joint_states_is_said_until_a_robot_is_there(world):
+def test_that_no_joint_states_come_or_those_of_others_is_said_until_those_of_the_arm_do(world):
     process = world.start("clik", {**FRAMES, "robot_description": UR5.urdf})
     words = "nobody publishes /joint_states: is a robot there?"
     world.advance(4.0)
     assert words not in process.log  # it may not be known yet who does
     world.advance(3.0)
     world.until_said(process, words)
-    world.peer.publisher(JointState, "joint_states")
-    world.until(lambda: process.node.count_publishers("joint_states"), "the robot")
+    states = world.peer.publisher(JointState, "joint_states")
     said = process.log.count(words)
+    states.publish(JointState(name=["left_elbow_joint"], position=[0.0]))
+    other = "joint_states of left_elbow_joint came, but none yet of shoulder_pan_joint, shoulder_"
+    world.until_said(process, other)
     world.advance(10.0)
     assert process.log.count(words) == said
+    assert "rejected" not in process.log
 
 
 def test_a_fault_that_comes_again_is_logged_in_the_end_if_it_lasts(world):
@@ -367,15 +289,15 @@ def test_a_wrench_whose_clock_was_set_counts_again_within_a_bounded_time(sensed)
 @pytest.mark.parametrize("jump", [-0.0505, -0.5])
 def test_a_wrench_counts_when_the_states_do_where_the_clock_of_both_was_set_back(world, jump):
     node = Controlled(world, "impedance_control", REAL)
-    arm, felt = node.arm, node.process.node._sensor
+    arm = node.arm
     arm.ticks(100)
     arm.t += round(jump * 1e9)
     for _ in range(60):
         world.advance(TICK)
         arm.send_next()
     arm.sensor.bias = np.array([7.0, 0, 0, 0, 0, 0])
-    arm.ticks(1)
-    assert felt.fresh.w[0] == 7.0
+    arm.tick()
+    assert np.linalg.norm(arm.frame().ddp_d) > 0.1
 
 
 # --- activation -----------------------------------------------------------------------------------
@@ -401,28 +323,50 @@ def test_an_arm_that_moves_is_not_activated_until_it_is_at_rest(world, executabl
     status = told(node, lambda s: "the arm moves" in s.message, lambda: moving(arm, 0.01, 0.06))
     words = "the arm moves, shoulder_pan_joint at 0.06 rad/s; expected at most 0.05: bring it to"
     assert words in status.message
-    request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_ACTIVATE))
-    assert not world.peer.call(ChangeState, f"/{executable}/change_state", request).success
+    if not has_velocities:
+        bad = arm.message()
+        bad.velocity = [5.0, *bad.velocity[1:]]  # of a driver that starts up joint by joint
+        arm.send(bad)
+        assert "joint_states has a non-finite velocity" in node.process.log
+    assert not world.peer.change_state(executable, "activate")
     assert arm.commands == []
     moving(arm, 0.2, 0.0)
     assert arm.commands
 
 
-def test_efforts_that_brake_an_arm_are_not_taken_for_those_that_bear_it():
-    (states, take), found = states_of(needs_velocity=True), []
-    for step, speed in enumerate([0.0, 0.06, *[0.0] * 12]):
-        take(step / 100, HOME, [0.0, speed] + 4 * [0.0], 6 * [7.0])
-        found.append(states.efforts is not None)
-    assert found == [True, *[False] * 10, True, True, True]
+@pytest.mark.parametrize(("calm", "bears"), [(0.08, False), (0.12, True)])
+def test_efforts_begin_at_those_that_the_robot_reports_unless_they_may_brake_it(world, calm, bears):
+    arm, name = an_arm(world, "dynamic_control"), "dynamic_control"
+    gravity, more, say = MODEL.dynamic_state(HOME, 0 * HOME).g, np.arange(1.0, 7.0), arm.message
+
+    def message(q: Any = None) -> Any:
+        msg = say(q)
+        msg.effort = (gravity + more).tolist()
+        return msg
+
+    arm.message = message
+    Started(world, name, arm, autostart=False, max_effort_rate=[100.0])
+    assert world.peer.change_state(name, "configure"), world.logs()
+    arm.dq = np.full(6, 0.06)
+    go_on(arm, 0.5)
+    arm.dq = np.zeros(6)
+    go_on(arm, calm)
+    refused = arm.message(NAN * HOME)  # whose efforts are those of other joints
+    refused.name = refused.name[::-1]
+    arm.states.publish(refused)
+    assert world.peer.change_state(name, "activate")
+    arm.send_next()
+    begin = gravity + more if bears else gravity
+    np.testing.assert_allclose(arm.commands[0].effort, begin, atol=0.2)
 
 
 def test_whose_time_counts_is_known_also_after_it_was_changed(world):
-    node = world.peer.another_node("controller")
-    found = RosTime(node)
-    assert not found.is_simulated
-    for simulated in (True, False):
-        assert node.set_parameters([Parameter("use_sim_time", value=simulated)])[0].successful
-        assert found.is_simulated is simulated
+    node = Controlled(world, "clik", REAL)
+    for simulated, within in ((True, 0.5), (False, 0.1)):
+        assert node.peer.set_parameters("clik", use_sim_time=simulated) == []
+        node.arm.start_anew()
+        status = node.peer.status("clik", lambda s: values(s)["cause"] == "no_states")
+        assert f"no valid joint_states within {within} s" in status.message
 
 
 # --- the robot ------------------------------------------------------------------------------------
@@ -517,11 +461,8 @@ def test_targets_that_mean_nothing_are_refused_counted_and_said(world, monkeypat
     poses = node.peer.publisher(PoseStamped, "/target_pose")
     twists = node.peer.publisher(TwistStamped, "/target_twist")
     p, R = pose(HOME)
-    long = pose_to_ros(p, R, Time(), "")
-    long.pose.orientation.w = 3.0
     for publisher, msg, words in (
         (poses, pose_to_ros(p * math.nan, R, Time(), ""), "the pose has a non-finite position"),
-        (poses, long, "; expected 1"),
         (poses, pose_to_ros(p, R, Time(), "camera"), "unknown frame 'camera'; known: base, base_l"),
         (twists, twist("", (math.inf, 0.0, 0.0)), "the twist has a non-finite value"),
         (twists, twist("tool", (0.1, 0.0, 0.0)), "unknown frame 'tool' (did you mean 'tool0'?)"),

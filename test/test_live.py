@@ -44,8 +44,7 @@ class Live:
     """The executable, and where the arm is that it started."""
 
     def __init__(self, graph: Graph, *options: str) -> None:
-        self.graph, graph.peer.call = graph, self._call
-        self.clients: dict[str, Any] = {}
+        self.graph = graph
         self.poses = graph.peer.listen(PoseStamped, f"{CONTROLLER}/pose")
         command = [sys.executable, "-m", "eulerparams_control.live.main", "--port", "0", *options]
         env = environment(graph.folder, graph.domain)
@@ -58,15 +57,6 @@ class Live:
     def url(self) -> str:
         ready = [e for e in events_of(self.process.stdout) if e["event"] == Event.READY]
         return str(ready[0]["url"]) if ready else ""
-
-    def _call(self, kind: Any, service: str, request: Any) -> Any:
-        client = self.clients.get(service)
-        if client is None:
-            client = self.clients[service] = self.graph.peer.node.create_client(kind, service)
-        self.graph.until(client.service_is_ready, f"the service {service}")
-        future = client.call_async(request)
-        self.graph.until(future.done, f"an answer of {service}")
-        return future.result()
 
     @property
     def tip(self) -> np.ndarray:

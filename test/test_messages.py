@@ -220,9 +220,7 @@ REFUSALS: dict[str, list[tuple[str, Any, str]]] = {
     "joint_states": [
         ("position", [1.0, math.nan, 3.0, 0.0], "a non-finite position: {'shoulder': 1.0, 'elbow"),
         ("velocity", [0.1, 0.2, -math.inf, 0.0], "a non-finite velocity: {'shoulder': 0.1, 'elbow"),
-        ("position", [1.0, 1e10, 3.0, 0.0], "joint_states has a too large position"),
-        ("position", [1.0, -1e308, 3.0, 0.0], "joint_states has a too large position"),
-        ("position", [1.0, 2.0, 3.0], "joint_states has 4 names but 3 values of position"),
+        ("position", [1.0, -1e10, 3.0, 0.0], "joint_states has a too large position"),
         ("position", [], "joint_states has 4 names but 0 values of position"),
         ("position", [1.0] * 5, "joint_states has 4 names but 5 values of position"),
         ("velocity", [1.0], "joint_states has 4 names but 1 values of velocity"),
@@ -243,6 +241,7 @@ REFUSALS: dict[str, list[tuple[str, Any, str]]] = {
         ("points.0.transforms", [Transform()] * 2, "point 0 of the reference has 2 transforms"),
         ("points.1.velocities", [Twist()] * 2, "point 1 of the reference has 2 velocities"),
         ("points.1.accelerations", [Twist()] * 2, "point 1 of the reference has 2 accelerations"),
+        ("points.1.velocities", [], "has accelerations, and no velocities"),
         ("points.1.time_from_start", Duration(), "has a velocity, and no point has a time"),
         ("points.1.transforms.0.translation.y", math.nan, "point 1 of the reference has a non-fin"),
         ("points.0.velocities.0.angular.z", math.inf, "point 0 of the reference has a non-finite"),
@@ -257,13 +256,11 @@ REFUSALS: dict[str, list[tuple[str, Any, str]]] = {
         ("pose.orientation.w", 0.5, "norm 0.5; expected 1"),
     ],
     "twist": [
-        ("twist.linear.x", math.nan, "the twist has a non-finite value"),
         ("twist.angular.z", math.inf, "the twist has a non-finite value"),
         ("twist.angular.y", 1e10, "the twist has a too large value"),
     ],
     "wrench": [
         ("header.frame_id", "flange", "in the frame 'flange'; expected 'tool0'"),
-        ("wrench.force.x", math.nan, "the wrench has a non-finite value"),
         ("wrench.torque.z", math.nan, "the wrench has a non-finite value"),
         ("wrench.torque.x", 1e10, "has a too large value"),
     ],

@@ -5,9 +5,8 @@ import math
 import re
 import typing
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -17,30 +16,22 @@ import rclpy
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
-from in_process import run_to_its_end
-from rclpy.context import Context
+from in_process import World, class_of, run_to_its_end
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from ros_processes import free_domain
+from ros_processes import ros_arguments
 from samples import examples
 
-from eulerparams_control.bags.ros.recorder_node import RecorderParameters
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.lab.experiments.definition import load_experiment
-from eulerparams_control.lab.fault_injector_node import InjectorParameters
 from eulerparams_control.parameters.fields import fields_of, from_mapping, parameter
-from eulerparams_control.parameters.reference import ReferenceParameters
 from eulerparams_control.parameters.schemes import schemes
-from eulerparams_control.parameters.teleop import TeleopParameters
-from eulerparams_control.parameters.watchdog import WatchdogParameters
 from eulerparams_control.resources import config_folder, config_names
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.ros.parameter_files import refuse_misread
 from eulerparams_control.ros.parameters import declare
-from eulerparams_control.tool.parameters import IdentifyToolParameters
-from sim_bridge.bridge_parameters import BridgeParameters
 
 
 @dataclass(frozen=True)
@@ -58,42 +49,21 @@ class Gains:
     frame: str = parameter("tool0", "is fixed")
 
 
-MakeNode = Callable[..., Node]
-
-
-@cache
-def shared_context() -> Context:
-    """Return the context of all nodes: a participant of DDS for each would be too many."""
-    context = Context()
-    rclpy.init(context=context, domain_id=free_domain())
-    return context
-
-
-@pytest.fixture(scope="module", autouse=True)
-def end_of_context() -> Iterator[None]:
-    yield
-    shared_context().try_shutdown()
-    shared_context.cache_clear()
-
-
-@contextmanager
-def node_with(overrides: dict[str, Any], folder: Path) -> Iterator[Node]:
-    """Make a node whose parameters are overridden by those of a YAML file."""
-    file = folder / "parameters.yaml"
-    content = {"/**": {"ros__parameters": overrides}}
-    file.write_text(yaml.safe_dump(content, allow_unicode=True), encoding="utf-8")
-    arguments = ["--ros-args", "--params-file", str(file)] if overrides else []
-    node = rclpy.create_node("tested", context=shared_context(), cli_args=arguments)
-    try:
-        yield node
-    finally:
-        node.destroy_node()
-
-
 @pytest.fixture
-def node(tmp_path: Path) -> Iterator[MakeNode]:
-    with ExitStack() as stack:
-        yield lambda **overrides: stack.enter_context(node_with(overrides, tmp_path))
+def node(shared_world: World, tmp_path: Path) -> Iterator[Callable[..., Node]]:
+    """Makes nodes whose parameters are overridden by those of a YAML file."""
+    made: list[Node] = []
+
+    def make(**overrides: Any) -> Node:
+        for old in made:
+            old.destroy_node()
+        arguments = ros_arguments(tmp_path / "parameters", overrides, (), ())
+        made[:] = [rclpy.create_node("tested", context=shared_world.context, cli_args=arguments)]
+        return made[0]
+
+    yield make
+    for last in made:
+        last.destroy_node()
 
 
 def test_without_overrides_the_defaults_hold_are_described_and_cannot_be_changed(node):
@@ -132,11 +102,8 @@ def test_a_yaml_file_overrides_what_it_names(node, overrides, expected):
     ("overrides", "words"),
     [
         ({"laww": "fast"}, "unknown parameter 'laww' (did you mean 'law'?); known: frame, k, law"),
-        ({"qqqqqq": 1}, "unknown parameter 'qqqqqq'; known: frame, k, law, mass, names"),
         ({"k": 100.5}, "parameter 'k' is 100.5 1/s; expected between 0 and 100"),
-        ({"k": -1}, "parameter 'k' is -1 1/s; expected between 0 and 100"),
         ({"k": math.nan}, "parameter 'k' is nan; expected a finite number 1/s"),
-        ({"mass": math.inf}, "parameter 'mass' is inf; expected a finite number kg"),
         ({"k": "fast"}, "parameter 'k' is 'fast', a str; expected a float"),
         ({"steps": 2.5}, "parameter 'steps' is 2.5, a float; expected a int"),
         ({"steps": 10}, "parameter 'steps' is 10; expected between 1 and 9"),
@@ -147,7 +114,6 @@ def test_a_yaml_file_overrides_what_it_names(node, overrides, expected):
         ({"weights": ["a"]}, "parameter 'weights' is 'a', a str; expected a float"),
         ({"names": [1, 2]}, "parameter 'names' is 1, a int; expected a str"),
         ({"names": "shoulder"}, "parameter 'names' is 'shoulder'; expected a list"),
-        ({"k": [1.0]}, "parameter 'k' is "),
     ],
 )
 def test_an_override_that_is_not_possible_is_refused_with_what_was_expected(node, overrides, words):
@@ -184,38 +150,28 @@ def test_a_change_is_given_with_what_was_before_and_then_holds(node):
     ("values", "words"),
     [
         ({"k": "much"}, "parameter 'k' is 'much', a str; expected a float"),
-        ({"frame": "tool1"}, "'frame' cannot be changed while running"),
         ({"k": 50.0, "steps": 100}, "parameter 'steps' is 100; expected between 1 and 9"),
         ({"k": 1.0, "names": ["a"]}, "'names' cannot be changed while running"),
+        ({"mass": 6.0}, "too heavy"),
+        ({"laww": "fast"}, "unknown parameter 'laww' (did you mean 'law'?); known: "),
     ],
 )
 def test_a_change_that_is_not_possible_is_refused_and_changes_nothing(node, values, words):
     own = node()
     seen: list[Gains] = []
-    declare(own, Gains, lambda _, new: seen.append(new))
-    before = {name: own.get_parameter(name).value for name in values}
-    (reason,) = change(own, **values)
-    assert words in reason
-    assert seen == []
-    assert {name: own.get_parameter(name).value for name in values} == before
-    assert change(own, mass=2.0) == []  # what was refused has left nothing behind
-    assert seen == [Gains(mass=2.0)]
-
-
-def test_what_the_node_refuses_or_does_not_know_is_refused_with_its_reason(node):
-    own = node()
 
     def refuse_heavy(_: Gains, new: Gains) -> None:
         if new.mass > 5.0:
             raise ConfigurationError("too heavy")
+        seen.append(new)
 
     declare(own, Gains, refuse_heavy)
-    assert change(own, mass=6.0) == ["too heavy"]
-    assert own.get_parameter("mass").value == 1.0
-    assert change(own, mass=5.0, k=1) == []
-    assert own.get_parameter("mass").value == 5.0
-    (refusal,) = change(own, laww="fast")
-    assert refusal.startswith("unknown parameter 'laww' (did you mean 'law'?); known: ")
+    (reason,) = change(own, **values)
+    assert reason.startswith(words)
+    assert seen == []
+    assert [own.get_parameter(name).value for name in ("k", "mass", "steps")] == [10.0, 1.0, 3]
+    assert change(own, mass=5.0) == []  # what was refused has left nothing behind
+    assert seen == [Gains(mass=5.0)]
 
 
 @pytest.mark.parametrize("name", schemes())
@@ -233,28 +189,15 @@ def test_speed_scale_and_effort_rate_bound_the_commands(name):
 
 
 # --- any value -------------------------------------------------------------------------------
-RCLError = rclpy_implementation.RCLError
-
-KINDS = {
-    **{name: scheme.parameters for name, scheme in schemes().items()},
-    "reference": ReferenceParameters,
-    "pybullet_bridge": BridgeParameters,
-    "bag_recorder": RecorderParameters,
-    "identify_tool": IdentifyToolParameters,
-}
-OTHERS = {
-    "teleop": TeleopParameters,
-    "watchdog": WatchdogParameters,
-    "fault_injector": InjectorParameters,
-}
+NODES = (*schemes(), "reference", "pybullet_bridge", "bag_recorder", "identify_tool")
 forty = examples(40)
 
 
-@pytest.mark.parametrize("executable", KINDS | OTHERS)
+@pytest.mark.parametrize("executable", [*NODES, "teleop", "watchdog", "fault_injector"])
 def test_each_parameter_of_a_node_shows_its_bounds_as_a_range_and_whether_it_can_change(
     node, executable
 ):
-    kind, own = (KINDS | OTHERS)[executable], node()
+    kind, own = class_of(executable).parameters_type, node()
     declare(own, kind, lambda old, new: None)
     for name, field in fields_of(kind).items():
         shown, bounds = own.describe_parameter(name), field.metadata["bounds"]
@@ -298,20 +241,19 @@ def assert_of_their_types(found: Any) -> None:
             assert not field.metadata["choices"] or each in field.metadata["choices"]
 
 
-@pytest.mark.parametrize("executable", KINDS)
+@pytest.mark.parametrize("executable", NODES)
 @forty
 @given(data=st.data())
-def test_any_value_of_a_parameter_is_of_its_type_or_refused_by_its_name(data, executable, tmp_path):
-    kind = KINDS[executable]
+def test_any_value_of_a_parameter_is_of_its_type_or_refused_by_its_name(data, executable, node):
+    kind = class_of(executable).parameters_type
     name = data.draw(st.sampled_from([field.name for field in dataclasses.fields(kind)]))
     value = data.draw(VALUES)
     refusal = ""
     try:
-        with node_with({name: value}, tmp_path) as node:
-            assert_of_their_types(declare(node, kind))
+        assert_of_their_types(declare(node(**{name: value}), kind))
     except ConfigurationError as error:
         refusal = str(error)
-    except RCLError:
+    except rclpy_implementation.RCLError:
         pass  # an integer of 64 bits that rcl does not take; the executable says so in one line
     assert not refusal or f"'{name}'" in refusal
     assert "\n" not in refusal
@@ -321,9 +263,7 @@ def test_any_value_of_a_parameter_is_of_its_type_or_refused_by_its_name(data, ex
 @pytest.mark.parametrize(
     ("arguments", "refused"),
     [
-        ("-p k_Pp:=fast", "'k_Pp' is 'fast', a str; expected a float"),
-        ("-p clik:enforce_limits:=maybe", "'enforce_limits' is 'maybe'"),
-        ("-p max_linear_speed:=0.05x", "'max_linear_speed'"),
+        ("-p clik:enforce_limits:=maybe", "'enforce_limits' is 'maybe', a str; expected a bool"),
         ("-p max_linear_speed:=0,05", "'max_linear_speed' is '0,05'"),
         ("--params-file words.yaml", "'k_Po' is 'slow'"),
         ("-p other:k_Pp:=fast -p k_Pp:=1e-3 -p k_Po:=.5 -p orientation:=no -p x:=y", ""),
@@ -346,12 +286,12 @@ EMPTY: dict[str, Any] = {"ros__parameters": {}}
 @pytest.mark.parametrize(
     ("content", "refused"),
     [
-        *(({section: EMPTY}, True) for section in ("/clikk", "click", "/left/clik_", "/CLIK")),
+        *(({section: EMPTY}, True) for section in ("click", "/left/clik_", "/CLIK")),
         *(({section: EMPTY}, False) for section in ("clik", "/left/clik", "/*", "/reference")),
         ({"left": {"clik": EMPTY}}, False),
         ({"/**": EMPTY, "/clikk": EMPTY}, False),
         ({"clik": EMPTY, "clik_2": EMPTY}, False),
-        *((content, False) for content in ([1, 2], "clikk", None)),
+        *((content, False) for content in ([1, 2], None)),
     ],
 )
 def test_a_file_for_nearly_this_node_is_refused_and_others_left_to_rcl(content, refused, tmp_path):
@@ -400,28 +340,21 @@ def test_a_damaged_file_of_an_experiment_is_taken_or_refused(data, tmp_path):
 
 
 # --- as executables ----------------------------------------------------------------------------
-FILES = {
-    "misspelt": (
-        "/**:\n  ros__parameters:\n    use_sim_tme: true\n",
-        "did you mean 'use_sim_time'",
-    ),
-    "nested": ("/**:\n  ros__parameters:\n    a: {b: {c: 1}}\n", "unknown parameter 'a.b.c'"),
-    "truncated": ("/**:\n  ros__parameters:\n    joints: [a, ", "parameters.yaml"),
-    "mixed": ("/**:\n  ros__parameters:\n    joints: [a, 1]\n", "line_num 3"),
-}
+FILES = (
+    ("/**: {ros__parameters: {use_sim_tme: true}}", "did you mean 'use_sim_time'"),
+    ("/**: {ros__parameters: {a: {b: {c: 1}}}}", "unknown parameter 'a.b.c'"),
+    ("/**: {ros__parameters: {joints: [a, ", "parameters.yaml"),
+    ("/**:\n  ros__parameters:\n    joints: [a, 1]\n", "line_num 3"),
+)
 
 
-@pytest.mark.parametrize("executable", KINDS)
+@pytest.mark.parametrize("executable", NODES)
 def test_an_executable_refuses_a_file_in_one_line_and_ends(executable, tmp_path):
     file = tmp_path / "parameters.yaml"
-    other = (
-        f"/{executable}x:\n  ros__parameters: {{a: 1}}\n",
-        f"{file} has parameters for the node '/{executable}x'",
-    )
-    for text, words in (*FILES.values(), other):
+    other = f"/{executable}x: {{ros__parameters: {{a: 1}}}}"
+    for text, words in (*FILES, (other, f"{file} has parameters for the node '/{executable}x'")):
         file.write_text(text)
         process = run_to_its_end(executable, tmp_path, files=[file])
         assert process.exit_code == 1
-        (line,) = (line for line in process.stderr.splitlines() if line.startswith("error: "))
+        (line,) = process.stderr.splitlines()
         assert words in line
-        assert "Traceback" not in process.stdout + process.stderr

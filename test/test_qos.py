@@ -41,29 +41,35 @@ def arm_with_less(world: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     return arm
 
 
-NEEDED = [
-    ("clik", "joint_states", "reliability", ("best_effort", "reliable"), "inactive"),
-    ("dynamic_control", "joint_states", "reliability", ("best_effort", "reliable"), "inactive"),
-    ("impedance_control", "wrench", "reliability", ("best_effort", "reliable"), "inactive"),
-    *(
-        (name, "robot_description", "durability", ("volatile", "transient_local"), "unconfigured")
-        for name in ("clik", "impedance_control")
-    ),
-]
+def policy_of(topic: str) -> tuple[str, str, str]:
+    """Return the policy of a topic that does not match, what is offered, and what is asked for."""
+    if topic == "robot_description":
+        return "durability", "volatile", "transient_local"
+    return "reliability", "best_effort", "reliable"
 
 
-@pytest.mark.parametrize(("executable", "topic", "policy", "both", "mode"), NEEDED)
+each_needed = pytest.mark.parametrize(
+    ("executable", "topic"),
+    [
+        *((name, "joint_states") for name in ("clik", "dynamic_control")),
+        *((name, "robot_description") for name in ("clik", "impedance_control")),
+        ("impedance_control", "wrench"),
+    ],
+)
+
+
+@each_needed
 def test_what_is_needed_first_is_named_with_both_qos_and_the_parameter_that_mends_it(
-    world, arm_with_less, executable, topic, policy, both, mode
+    world, arm_with_less, executable, topic
 ):
-    arm = arm_with_less(executable, topic)
+    (policy, offered, asked), arm = policy_of(topic), arm_with_less(executable, topic)
     process = world.start(executable, REAL)
     heard = world.peer.listen(DiagnosticArray, "/diagnostics")
     go_on(arm, 7.0, period=0.02)
     status = heard[-1].status[0]
     shown = values(status)
+    mode = "unconfigured" if topic == "robot_description" else "inactive"
     assert (shown["cause"], shown["mode"], status.level) == ("incompatible_qos", mode, b"\x02")
-    offered, asked = both
     words = f"/peer publishes /{topic} with the {policy} {offered}, but it is read with {asked}"
     assert words in status.message
     remedy = f"set the parameter qos_overrides./{topic}.subscription.{policy} to {offered}"
@@ -74,12 +80,10 @@ def test_what_is_needed_first_is_named_with_both_qos_and_the_parameter_that_mend
     assert arm.commands == []
 
 
-@pytest.mark.parametrize(("executable", "topic", "policy", "both", "mode"), NEEDED)
-def test_with_that_parameter_it_is_received(
-    world, arm_with_less, executable, topic, policy, both, mode
-):
-    arm = arm_with_less(executable, topic)
-    world.start(executable, REAL | override(f"/{topic}", policy, both[0]))
+@each_needed
+def test_with_that_parameter_it_is_received(world, arm_with_less, executable, topic):
+    (policy, offered, _), arm = policy_of(topic), arm_with_less(executable, topic)
+    world.start(executable, REAL | override(f"/{topic}", policy, offered))
     if topic == "robot_description":  # nothing of it is kept for who comes later
         arm._description.publish(String(data=UR5.urdf))
     go_on(arm, 1.0)
@@ -130,11 +134,9 @@ def test_every_node_names_who_it_cannot_hear(world, executable, topic, kind, par
     world.peer.node.create_publisher(kind, topic, BEST_EFFORT)
     process = world.start(executable, parameters)
     assert process.exit_code is None, process.log
-    text = diagnosed(world, executable)
-    policy = "durability" if topic == "robot_description" else "reliability"
-    assert f"qos_overrides./{topic}.subscription.{policy}" in text
-    names = [p for p in process.node._parameters if p.startswith(f"qos_overrides./{topic}.")]
-    assert f"qos_overrides./{topic}.subscription.{policy}" in names
+    mends = f"qos_overrides./{topic}.subscription.{policy_of(topic)[0]}"
+    assert mends in diagnosed(world, executable)
+    assert process.node.has_parameter(mends)
 
 
 def test_a_publisher_that_cannot_be_heard_is_one_of_two(world):

@@ -1,6 +1,7 @@
 """Whose joint_states are believed where two nodes publish those of one arm."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -248,18 +249,6 @@ def test_a_driver_that_is_started_again_is_believed_after_its_silence(world):
     assert "came from two" not in node.process.log
 
 
-def test_a_publisher_of_the_arm_and_of_its_gripper_in_turns_is_one(world):
-    arm = an_arm(world, "clik")
-    node = Started(world, "clik", arm)
-
-    def gripper() -> None:
-        arm.states.publish(JointState(name=["finger"], position=[0.0]))
-
-    go_on(arm, 1.0, gripper, gripper)
-    assert len(arm.commands) > 100
-    assert "rejected" not in node.process.log
-
-
 @pytest.mark.parametrize(
     ("executable", "count"), [("clik", 3), ("dynamic_control", 3), ("dynamic_control", 6)]
 )
@@ -288,7 +277,7 @@ def test_without_numbers_states_that_contradict_each_other_are_those_of_two(worl
     arm.commands.clear()
     go_on(arm, 2.0, stranger.send)
     assert arm.commands == []
-    both = lambda: go_on(arm, 0.1, stranger.send)  # noqa: E731
+    both = partial(go_on, arm, 0.1, stranger.send)
     assert NAMED in says(node, "two_publishers", "distrusting", both).message
     stranger.end()
     arm.dq = 0.0 * arm.dq
@@ -361,7 +350,7 @@ def test_the_watchdog_passes_nothing_while_it_is_not_known_whose_states_come(wor
     stranger = Stranger(watched.arm)
     stranger.send()
     watched.go_on(1.0, stranger.send)
-    both = lambda: watched.go_on(0.1, stranger.send)  # noqa: E731
+    both = partial(watched.go_on, 0.1, stranger.send)
     status = says(watched, "two_publishers", "waiting", both)
     assert NAMED in status.message
     assert watched.driven == []
@@ -377,7 +366,7 @@ def test_in_a_dispute_the_watchdog_leaves_gravity_where_the_arm_was_seen_last(wo
     assert watched.last == watched.passed
     stranger = Stranger(watched.arm, offset)
     watched.go_on(0.5, stranger.send)
-    both = lambda: watched.go_on(0.1, stranger.send)  # noqa: E731
+    both = partial(watched.go_on, 0.1, stranger.send)
     assert NAMED in says(watched, "two_publishers", "blind", both).message
     np.testing.assert_allclose(watched.last, watched.gravity, atol=1e-9)
     assert not watched.peer.trigger("/watchdog/resume").success

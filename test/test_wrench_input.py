@@ -1,5 +1,7 @@
 """Wrenches that come too seldom, or in other axes than those of the tip."""
 
+from collections.abc import Callable
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -11,24 +13,21 @@ from test_sources import Started, an_arm, go_on
 NAME = "impedance_control"
 
 
-class Sensor:
-    """A sensor that publishes once in so many states, in bursts."""
+def slow_sensor(arm: Any, every: int, burst: int = 1) -> Callable[[], None]:
+    """Let the sensor of an arm publish once in so many states, in bursts: after each call."""
+    arm.sensor.on, numbers = False, count(1)
 
-    def __init__(self, arm: Any, every: int, burst: int = 1) -> None:
-        self._arm, self._every, self._burst, self._count = arm, every, burst, 0
-        arm.sensor.on = False
+    def send() -> None:
+        if next(numbers) % every < burst:
+            arm.sensor.wrenches.publish(arm.sensor.message(arm, arm.message().header.stamp))
 
-    def send(self) -> None:
-        self._count += 1
-        if self._count % self._every < self._burst:
-            stamp = self._arm.message().header.stamp
-            self._arm.sensor.wrenches.publish(self._arm.sensor.message(self._arm, stamp))
+    return send
 
 
-def told(arm: Any, seconds: float, sensor: Sensor | None = None) -> list[Any]:
+def told(arm: Any, seconds: float, *others: Callable[[], None]) -> list[Any]:
     """Let time pass; return what the node says of itself meanwhile."""
     heard = arm.graph.peer.listen(DiagnosticArray, "/diagnostics")
-    go_on(arm, seconds, *([sensor.send] if sensor else []), period=0.005)
+    go_on(arm, seconds, *others, period=0.005)
     assert heard
     return [status for array in heard for status in array.status]
 
@@ -48,9 +47,9 @@ def test_a_sensor_whose_rate_is_too_low_is_told_its_rate_and_the_parameter(
 ):
     arm = an_arm(world, NAME)
     Started(world, NAME, arm, use_sim_time=simulated)
-    sensor = Sensor(arm, every, burst)
-    go_on(arm, 5.0, sensor.send, period=0.005)
-    seen = told(arm, 3.0, sensor)
+    send = slow_sensor(arm, every, burst)
+    go_on(arm, 5.0, send, period=0.005)
+    seen = told(arm, 3.0, send)
     assert {values(status)["cause"] for status in seen} == {"wrench_rate_too_low"}
     (message,) = {status.message for status in seen}
     assert f"with gaps of up to {gap} s, but wrench_timeout is 0.1 s" in message
@@ -62,7 +61,7 @@ def test_a_sensor_whose_rate_is_too_low_is_told_its_rate_and_the_parameter(
 def test_with_that_timeout_a_slow_sensor_is_believed(world):
     arm = an_arm(world, NAME)
     Started(world, NAME, arm, wrench_timeout=0.25)
-    go_on(arm, 3.0, Sensor(arm, 25).send, period=0.005)
+    go_on(arm, 3.0, slow_sensor(arm, 25), period=0.005)
     assert arm.commands
 
 
@@ -71,9 +70,9 @@ def test_a_sensor_that_becomes_slow_freezes_the_frame_until_it_is_fast_again(wor
     Started(world, NAME, arm)
     go_on(arm, 2.0, period=0.005)
     assert arm.commands
-    sensor = Sensor(arm, 25)
-    go_on(arm, 1.0, sensor.send, period=0.005)
-    statuses = told(arm, 2.0, sensor)
+    send = slow_sensor(arm, 25)
+    go_on(arm, 1.0, send, period=0.005)
+    statuses = told(arm, 2.0, send)
     assert {values(status)["cause"] for status in statuses} == {"wrench_rate_too_low"}
     assert "the compliant frame is frozen" in statuses[-1].message
     arm.sensor.on = True
