@@ -141,22 +141,14 @@ def passed(pace, sigmas):
     return found
 
 
-def test_a_singularity_is_approached_inside_and_left_and_clear_again():
-    pace = Pace(None, 0.05)
+def test_a_singularity_is_approached_and_left_at_a_pace_as_its_distance_out_twice_as_fast():
     sigmas = [0.2, 0.06, 0.045, 0.03, 0.011, 0.001, 0.0, 0.01, 0.02, 0.04, 0.06]
-    found = [singularity for singularity, _ in passed(pace, sigmas)]
+    near, paces = zip(*passed(Pace(None, 0.05), sigmas), strict=True)
     c, a, i, leaving = Nearness
-    assert found == [c, c, a, a, i, i, i, i, leaving, leaving, c]
-
-
-def test_towards_a_singularity_the_pace_goes_as_its_distance_never_to_zero_and_out_twice_so():
-    for sigma, expected in ((0.06, 1.0), (0.04, 0.8), (0.02, 0.4), (0.006, 0.12), (0.0, LEAST)):
-        assert passed(Pace(None, 0.05), [sigma] * 100)[-1][1] == pytest.approx(expected)
-    out = Pace(None, 0.05)
-    passed(out, [0.005] * 100)
-    assert passed(out, np.linspace(0.013, 0.02, 200))[-1][1] == pytest.approx(2 * 0.02 / 0.05)
+    assert near == (c, c, a, a, i, i, i, i, leaving, leaving, c)
+    np.testing.assert_allclose(paces, [1, 1, 0.9, 0.6, 0.22, LEAST, LEAST, 0.2, 0.8, 1, 1])
     # a threshold of 0 slows nothing down
-    assert passed(Pace(None, 0.0), [0.01, 0.0, 0.001])[-1] == (Nearness.CLEAR, 1.0)
+    assert set(passed(Pace(None, 0.0), [0.01, 0.0, 0.001])) == {(c, 1.0)}
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -406,10 +398,6 @@ def test_an_arm_that_runs_away_while_it_is_held_gets_no_efforts_until_it_is_resu
     assert arm.step(dq=0.9 * V) is not None  # its efforts stop it
     lets_go(arm, 1.6 * V)
     assert "runs away" in arm.fault
-    arm = released()
-    arm.resume()
-    np.testing.assert_allclose(arm.step().effort, weight(arm.q), atol=2.0)
-    assert arm.mode is Mode.HOLDING
 
 
 def test_an_arm_that_still_moves_long_after_it_was_stopped_gets_no_efforts():
@@ -534,14 +522,14 @@ def test_neither_a_reference_nor_a_resume_leads_out_of_a_runaway_or_a_defect():
         assert arm.why.cause is cause
 
 
-@pytest.mark.parametrize("accelerates", [False, True])
-def test_a_set_point_whose_twist_leads_far_away_is_refused_wherever_it_ends(accelerates):
-    arm, x = Driver(clik(limited=True)), np.eye(3)[0]
-    there_and_back = {"dp_d": 10.0 * x, "ddp_d": -200.0 * accelerates * x}
-    slow_at_first = {"ddp_d": 20.0 * accelerates * x, "dp_d": 1.0 * (not accelerates) * x}
-    for leads in (there_and_back, slow_at_first, {"omega_d": 2 * math.pi / 0.1 * x}):
-        with pytest.raises(InvalidMessageError, match="twist of the set-point leads"):
-            arm.follow(SetPoint(pose_of(HOME)._replace(**leads), 0.1), None)
+@pytest.mark.parametrize(
+    ("v", "a", "omega"), [(10.0, 0.0, 0.0), (10.0, -200.0, 0.0), (0.0, 20.0, 0.0), (0.0, 0.0, 63.0)]
+)
+def test_a_set_point_whose_twist_leads_far_away_is_refused_wherever_it_ends(v, a, omega):
+    x = np.eye(3)[0]
+    leads = pose_of(HOME)._replace(dp_d=v * x, ddp_d=a * x, omega_d=omega * x)
+    with pytest.raises(InvalidMessageError, match="twist of the set-point leads"):
+        Driver(clik(limited=True)).follow(SetPoint(leads, 0.1), None)
 
 
 # --- the table of modes, and what each keeps ----------------------------------------------

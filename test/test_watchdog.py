@@ -20,16 +20,15 @@ P = WatchdogParameters(base_frame=UR5.base_frame, tip_frame=UR5.tip_frame)
 MOST_STEP = P.max_effort_rate * DT + 1e-9  # [Nm]
 
 
-def gravity(q, model=MODEL):
-    return model.dynamic_state(q, 0 * q).g
+def gravity(q):
+    return MODEL.dynamic_state(q, 0 * q).g
 
 
 class Plant:
     """A frictionless arm with a driver that holds the last effort for ever."""
 
-    def __init__(self, payload=0.0):
+    def __init__(self):
         self.watch = Watch(P.robot(UR5.urdf), P)
-        self.model = replace(P, tool_mass=payload).robot(UR5.urdf)
         self.q, self.dq, self.t, self.tau = HOME.copy(), np.zeros(6), 10.0, np.zeros(6)
         self.efforts = []
 
@@ -39,7 +38,7 @@ class Plant:
 
     @property
     def tip(self):
-        return self.model.state(self.q, self.dq)
+        return MODEL.state(self.q, self.dq)
 
     @property
     def speed(self):
@@ -53,11 +52,11 @@ class Plant:
             if is_seen:
                 sent.append(self.watch.state(self.q, self.dq, self.t))
             if error is not None and k % every == 0:
-                sent.append(self.watch.effort(gravity(self.q, self.model) + error, self.t))
+                sent.append(self.watch.effort(gravity(self.q) + error, self.t))
             for tau in sent:
                 self.tau = self.tau if tau is None else tau
             self.efforts.append(self.tau)
-            state = self.model.dynamic_state(self.q, self.dq)
+            state = MODEL.dynamic_state(self.q, self.dq)
             self.dq = self.dq + DT * np.linalg.solve(state.B, self.tau - state.C_dq - state.g)
             self.q = self.q + DT * self.dq
 
@@ -102,13 +101,6 @@ def test_an_arm_whose_controller_falls_silent_is_braked_and_then_stays_unless_it
     pushed.dq = pushed.dq + 20 * AT_REST
     pushed.steps(1)
     assert pushed.mode is WatchMode.BRAKING
-
-
-def test_under_a_payload_that_nobody_told_the_arm_sinks_slowly():
-    plant = Plant(payload=1.0)
-    plant.steps(5, 0.0)
-    plant.steps(1000)
-    assert plant.speed < 0.15
 
 
 def test_a_controller_that_is_back_is_let_through_after_resume_alone_and_without_a_jump(pushed):

@@ -735,22 +735,14 @@ def sensitivity():
 
 def report(runs):
     """Print, by law and scenario, what differs from the file; return how many runs do."""
-    held, count = read(), 0
-    for law in LAWS:
-        for name, scenario in SCENARIOS.items():
-            if law not in scenario.laws:
-                continue
-            here = [cell for cell in runs if (cell[0], cell[3]) == (law, name)]
-            known = [(difference(c, runs[c], held[c]), c) for c in here if c in held]
-            bad = [(d, c) for d, c in known if not d.ratio <= 1]
-            worst = max(known, default=None, key=lambda both: both[0].ratio)
-            count += len(bad) + len(here) - len(known)
-            text = f"{len(bad)} of {len(here)} differ, {len(here) - len(known)} are new"
-            print(f"{law:18} {name:10} {text}")
-            if bad and worst is not None:
-                print(f"    most: {worst[1][1]}, {worst[1][2]}: {worst[0].text}")
-            elif worst is not None:
-                print(f"    at most {worst[0].ratio:.2g} of what is allowed")
+    held, count, new = read(), 0, Difference(math.inf, "new")
+    for law, name in dict.fromkeys((cell[0], cell[3]) for cell in runs):
+        here = [cell for cell in runs if (cell[0], cell[3]) == (law, name)]
+        found = [(difference(c, runs[c], held[c]) if c in held else new, c) for c in here]
+        bad, (most, cell) = sum(not each.ratio <= 1 for each, _ in found), max(found)
+        print(f"{law:18} {name:10} {bad} of {len(here)} differ; most, {cell[1]}, {cell[2]}:")
+        print(f"    {most.ratio:.2g} of what is allowed: {most.text}")
+        count += bad
     return count
 
 
