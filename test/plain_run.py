@@ -22,7 +22,7 @@ class Compilations(numba.core.event.Listener):
 def commands(law, orientation):
     """Return the commands along a circle, of a stream, to a pose, by a twist, and in a halt."""
     arm = arm_named("ur5")
-    script = Script(arm, 11)
+    script = Script(arm, 11, arm.home)
     other = REPRESENTATIONS[REPRESENTATIONS.index(orientation) - 1]
     script.go(8, "follow", *circle(script.pose, 0.1, 2.0, 0.4))
     script.go(4, "change", {"orientation": other, "max_linear_speed": 0.05})

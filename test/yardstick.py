@@ -257,8 +257,8 @@ class Script:
         force: that is to be exerted; None: none.
     """
 
-    def __init__(self, arm, key, q=None, size=0.12, period=PERIOD, *, timed=True):
-        self.arm, self.q_0 = arm, arm.home if q is None else q
+    def __init__(self, arm, key, q, size=0.12, period=PERIOD, *, timed=True):
+        self.arm, self.q_0 = arm, q
         self.pose = arm.pose(self.q_0)
         self.ticks, self.events = [], {0}
         self.period, self._timed = period, timed
@@ -347,7 +347,9 @@ _MEASURED = {"feedback": "measured", "max_deviation": 100.0}
 class Scenario(NamedTuple):
     """A scenario: its states and orders, and the parameters besides those of all."""
 
-    write: Callable[[Arm, str], Script]
+    write: Callable[[Script, str], None]
+    script: dict[str, Any] = {}  # noqa: RUF012
+    q_0: Callable[[Arm, str], Array] = lambda arm, _: arm.home
     laws: tuple[str, ...] = LAWS
     values: dict[str, Any] = {}  # noqa: RUF012
     of_law: dict[str, dict[str, Any]] = {}  # noqa: RUF012
@@ -356,16 +358,12 @@ class Scenario(NamedTuple):
         return _WIDE | _FAST | _GAINS[law] | self.values | self.of_law.get(law, {})
 
 
-def _circle(arm, _):
-    script = Script(arm, 1)
-    script.go(10)
+def _circle(script, _):
     script.go(440, "follow", *circle(script.pose, 0.06, 0.8, 0.4))
-    return script
 
 
-def _random(arm, _):
+def _random(script, _):
     """Random states and wrenches, at random times, far from a motion that is there at first."""
-    script = Script(arm, 0)
     random = np.random.default_rng((SEED, 10))
     p, R = script.pose
     start = p + np.array([0.1, -0.08, 0.06]), turn(np.array([0.5, -0.4, 0.6])) @ R
@@ -376,57 +374,50 @@ def _random(arm, _):
         more = random.uniform(-1.0, 1.0, 6) * np.array([40.0] * 3 + [5.0] * 3)
         script.go(1, *order, period=period, more=more)
         order = ()
-    return script
 
 
-def _push(arm, _):
+def _push(script, _):
     """At rest, pushed away and back, jogged; then to a pose; states come seldom."""
-    script = Script(arm, 2, size=0.03, period=0.008, timed=False)
     p, R = script.pose
-    script.go(10)
-    script.drift(np.random.default_rng((SEED, 9)).uniform(-0.2, 0.2, arm.n), 0.3)
+    script.drift(np.random.default_rng((SEED, 9)).uniform(-0.2, 0.2, script.arm.n), 0.3)
     script.go(50, is_sensed=True)
     script.go(40, more=np.array([25.0, -15.0, 20.0, 1.0, 2.0, -1.5]))
     script.go(50, "jog", np.array([0.1, -0.1, 0.05, 0.3, 0.2, -0.4]))
     goal = p + np.array([0.03, -0.05, 0.02]), turn(np.array([0.2, -0.3, 0.3])) @ R
     script.go(90, "aim", *goal, more=np.zeros(6))
-    return script
 
 
-def _pole(arm, orientation):
+def _near_pole(arm, orientation):
+    return np.array(_AT_POLE[arm.name]) if orientation == "euler_angles" else arm.home
+
+
+def _pole(script, orientation):
     """Close to a pole of the representation, and past it."""
-    q = np.array(_AT_POLE[arm.name]) if orientation == "euler_angles" else arm.home
-    script = Script(arm, 3, q=q, size=0.06)
-    script.go(10)
     if orientation == "euler_angles":
         script.go(340, "follow", *circle(script.pose, 0.03, 0.6, 0.3))
-        return script
+        return
     about = {"relative_euler_angles": (0.03, 1.0, -0.02)}.get(orientation, (0.5, -0.6, 0.7))
     axis = script.pose[1] @ np.array(about)
     axis /= np.linalg.norm(axis)
     most = _MOST_TURN.get(orientation, 3.5)
     script.go(340, "follow", *turning(script.pose, axis, most, 0.6))
-    return script
 
 
-def _limit(arm, _):
+def _beside_limit(arm, _, by=-0.12):
+    q, joint = arm.home.copy(), TO_LIMIT[arm.name]
+    q[joint] = arm.model.upperPositionLimit[joint] + by
+    return q
+
+
+def _limit(script, _):
     """A pose beyond the limit of a joint, and the joint going there."""
-    joint, q = TO_LIMIT[arm.name], arm.home.copy()
-    most = arm.model.upperPositionLimit[joint]
-    q[joint] = most - 0.12
-    script = Script(arm, 4, q=q, size=0.02)
-    script.go(10)
-    beyond, away = q.copy(), np.zeros(arm.n)
-    beyond[joint], away[joint] = most + 0.25, 0.11
-    script.drift(away, 0.5)
-    script.go(340, "aim", *arm.pose(beyond))
-    return script
+    arm = script.arm
+    script.drift(0.11 * (np.arange(arm.n) == TO_LIMIT[arm.name]), 0.5)
+    script.go(340, "aim", *arm.pose(_beside_limit(arm, _, by=0.25)))
 
 
-def _gap(arm, _):
+def _gap(script, _):
     """States are lost; the stamps jump; no state comes; the stamps go back; between, motions."""
-    script = Script(arm, 5)
-    script.go(10)
     script.go(80, "follow", *circle(script.pose, 0.06, 0.8, 0.4))
     script.jump(0.012, 0.012)
     script.go(60)
@@ -440,73 +431,57 @@ def _gap(arm, _):
     script.go(50, *again)
     script.jump(-2.0, PERIOD)
     script.go(60)
-    return script
 
 
-def _halt(arm, _):
+def _halt(script, _):
     """A halt on the path; orders that are refused; a resume, and on."""
-    script = Script(arm, 6)
-    script.go(10)
     script.go(110, "follow", *circle(script.pose, 0.06, 0.8, 0.4))
     script.go(10, "halt")
     script.go(90, "resume", speed=0.0)
     script.go(40, "follow", *circle(script.pose, 0.05, 0.5, 0.3, begin=0.2))
     script.go(10, "resume")
-    here = arm.pose(script.state()[0])
+    here = script.arm.pose(script.state()[0])
     script.go(120, "follow", *circle(here, 0.05, 0.3, 0.3, begin=0.1), speed=1.0)
     script.go(50, "end", speed=0.0)
-    return script
 
 
-def _fault(arm, _):
+def _fault(script, _):
     """The arm goes where its errors are too large; it is held until the reference comes again."""
-    script = Script(arm, 7, size=0.03, period=0.004)
-    script.go(10)
     script.go(40, "follow", *circle(script.pose, 0.04, 0.6, 0.2))
-    script.drift(np.random.default_rng((SEED, 8)).uniform(0.25, 0.4, arm.n), 0.5)
+    script.drift(np.random.default_rng((SEED, 8)).uniform(0.25, 0.4, script.arm.n), 0.5)
     script.go(50, is_sensed=True)
     script.go(20, speed=0.0)
     for count, speed in ((135, None), (60, 0.5)):
-        here = arm.pose(script.state()[0])
+        here = script.arm.pose(script.state()[0])
         script.go(count, "follow", *circle(here, 0.04, 0.6, 0.2, begin=0.1), speed=speed)
     script.go(30, more=np.array([150.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
-    return script
 
 
-def _no_wrench(arm, _):
+def _no_wrench(script, _):
     """The wrench is lost on the path, and is back twice: near, and far away."""
-    script = Script(arm, 8)
-    script.go(10)
     script.go(100, "follow", *circle(script.pose, 0.05, 0.8, 0.3))
     script.go(50, is_sensed=False)
     script.go(50, is_sensed=True)
     script.go(150, more=np.array([90.0, 30.0, 0.0, 0.0, 0.0, 0.0]))
     script.go(30, is_sensed=False)
     script.go(60, is_sensed=True)
-    return script
 
 
-def _press(arm, _):
+def _press(script, _):
     """A force is exerted while the tip moves, then another one, then none."""
-    script = Script(arm, 9)
-    script.go(10)
     script.go(60, "follow", *circle(script.pose, 0.05, 0.8, 0.3))
     script.go(140, force=np.array([0.0, 0.0, 20.0]))
     script.go(140, force=np.array([0.0, 0.0, -8.0]))
     script.go(40, "halt", force=None)
-    return script
 
 
-def _change(arm, orientation):
+def _change(script, orientation):
     """Parameters change while the tip moves: gains, limits, pace, and the representation."""
-    script = Script(arm, 10)
-    script.go(10)
     script.go(60, "follow", *circle(script.pose, 0.06, 0.9, 0.4))
     script.go(80, "gains")
     script.go(80, "change", {"speed_override": 0.4, "max_angular_speed": 0.3})
     script.go(100, "change", {"orientation": _OTHER[orientation]})
     script.go(100, "change", {"speed_override": 1.0, "max_angular_speed": 5.0})
-    return script
 
 
 # The representation that a run changes to.
@@ -541,24 +516,30 @@ _FULL = {
 
 _FREE = {"enforce_limits": False, "max_jump_position": 1.0, "max_jump_rotation": math.pi}
 
+_FAR = {"clik": {"max_deviation": 2.0}}
+_LOOSE = {"max_error_position": 0.15, "max_error_rotation": 0.5}
 SCENARIOS = {
     "random": Scenario(_random, values=_FREE, of_law={"clik": _MEASURED}),
     "circle": Scenario(_circle, of_law={"clik": _MEASURED}),
-    "push": Scenario(_push, values={"euler_sequence": "ZXY", "slow_below": 0.3}, of_law=_FULL),
-    "pole": Scenario(_pole, values=_FREE, of_law={"clik": _MEASURED}),
-    "limit": Scenario(_limit),
-    "gap": Scenario(
-        _gap, of_law={"clik": {"max_deviation": 2.0}, "impedance_control": {"inner_loop": False}}
+    "push": Scenario(
+        _push,
+        {"size": 0.03, "period": 0.008, "timed": False},
+        values={"euler_sequence": "ZXY", "slow_below": 0.3},
+        of_law=_FULL,
     ),
-    "halt": Scenario(_halt, of_law={"clik": {"max_deviation": 2.0}}),
+    "pole": Scenario(_pole, {"size": 0.06}, _near_pole, values=_FREE, of_law={"clik": _MEASURED}),
+    "limit": Scenario(_limit, {"size": 0.02}, _beside_limit),
+    "gap": Scenario(_gap, of_law=_FAR | {"impedance_control": {"inner_loop": False}}),
+    "halt": Scenario(_halt, of_law=_FAR),
     "fault": Scenario(
         _fault,
-        values={"max_error_position": 0.15, "max_error_rotation": 0.5},
+        {"size": 0.03, "period": 0.004},
+        values=_LOOSE,
         of_law={"clik": {"max_deviation": 0.2}},
     ),
-    "change": Scenario(_change, of_law={"clik": _MEASURED}),
     "no_wrench": Scenario(_no_wrench, laws=("impedance_control",)),
     "press": Scenario(_press, laws=("impedance_control", "compliance_control")),
+    "change": Scenario(_change, of_law={"clik": _MEASURED}),
 }
 
 
@@ -568,7 +549,13 @@ EVERY, BEFORE, AFTER = 25, 1, 3  # ticks that are kept: of all; about an event
 
 @cache
 def script_of(scenario, arm, orientation):
-    return SCENARIOS[scenario].write(arm_named(arm), orientation)
+    about, key = SCENARIOS[scenario], list(SCENARIOS).index(scenario)
+    of = arm_named(arm)
+    script = Script(of, key, about.q_0(of, orientation), **about.script)
+    if about.write is not _random:
+        script.go(10)
+    about.write(script, orientation)
+    return script
 
 
 @cache
