@@ -107,24 +107,6 @@ def test_a_silence_of_joint_states_is_told_and_then_the_arm_held_where_it_is(
     assert values(status)["remedy"] == "send the reference again"
 
 
-@pytest.mark.parametrize("executable", ALL)
-def test_a_state_that_comes_later_than_the_best_by_max_latency_is_dropped_and_counted(
-    world, executable
-):
-    timing = {"use_sim_time": False, "max_latency": 0.2, "state_timeout": 60.0}
-    node = Controlled(world, executable, FRAMES | timing)
-    arm = node.arm
-    arm.ticks(50)
-    arm.t += MS
-    late = arm.message()
-    world.advance(0.4)
-    arm.send(late)
-    assert arm.commands == []
-    assert "later than the best one, more than max_latency 0.2 s" in node.process.log
-    arm.tick(dt=0.4)  # in time again
-    assert node.peer.counter(node.name, "joint_states rejected", 1) == 1
-
-
 # --- references ------------------------------------------------------------------------------
 def test_references_that_cannot_be_followed_are_refused_and_the_motion_goes_on(node):
     """Not finite, in another frame, or too far; the others: test_messages."""
