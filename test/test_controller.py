@@ -307,14 +307,20 @@ def test_references_that_are_refused_do_not_move_an_arm_that_is_held(scheme):
             asked.follow(SetPoint(moved(0.3, 1.0), 0.1), None)
 
 
-def test_a_reference_is_compared_with_where_an_arm_that_is_held_has_come_to():
+@pytest.mark.parametrize("resumes", [True, False])
+def test_a_reference_is_compared_with_where_an_arm_that_is_held_has_come_to(resumes):
     arm, _ = on_its_way()
-    arm.halt()
+    if resumes:
+        arm.halt()
+    else:
+        arm.step(0.0, q=HOME + 1e-6)  # a fault, after which a pause will do
     there = HOME + 0.3  # moved by others
     arm.run(1.0, q=there)  # its commands brake
-    arm.resume()
-    with pytest.raises(InvalidMessageError):
+    if resumes:
+        arm.resume()
+    with pytest.raises(InvalidMessageError, match="begins"):
         arm.follow(SetPoint(pose_of(HOME), 0.1), None)
+    arm.run(1.0)
     arm.follow(SetPoint(pose_of(there), 0.1), None)
     assert_holds(arm, there)
 
