@@ -294,17 +294,22 @@ def test_an_arm_is_at_rest_when_its_joints_were_measured_to_be():
         assert arm.is_at_rest == rests
 
 
+@pytest.mark.parametrize("is_fault", [False, True])
 @pytest.mark.parametrize("scheme", [clik, dynamic_control])
-def test_references_that_are_refused_do_not_move_an_arm_that_is_held(scheme):
+def test_references_that_are_refused_do_not_move_an_arm_that_is_held(scheme, is_fault):
     sag = np.array([0.0, 1e-3, 1e-3, 0.0, 0.0, 0.0])  # the arm gives way a little
     arm, asked = standing(scheme=scheme()), standing(scheme=scheme())
     for one in (arm, asked):
         one.step()
-        one.halt()
-    for step in range(50):
-        np.testing.assert_equal(*(one.step(q=HOME + bool(step) * sag) for one in (arm, asked)))
+        if is_fault:
+            one.step(0.0, q=HOME + 1e-6)
+        else:
+            one.halt()
+        one.step(q=HOME)
+    for _ in range(3):  # with pauses, after which a fault is no reason
         with pytest.raises(InvalidMessageError):
             asked.follow(SetPoint(moved(0.3, 1.0), 0.1), None)
+        np.testing.assert_equal(*(one.run(0.6, q=HOME + sag) for one in (arm, asked)))
 
 
 @pytest.mark.parametrize("resumes", [True, False])
