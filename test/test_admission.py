@@ -175,6 +175,17 @@ def test_after_a_clock_was_set_back_a_bad_state_does_not_make_the_next_ones_late
         arm.step(stamps=(first + (1 + 4 * k) * MS - arm.t) / 1e9, q=HOME)  # none is refused
 
 
+def test_after_a_clock_was_set_back_lateness_is_judged_again():
+    arm = Driver(dynamic_control(), options=replace(CHECKED, max_latency=0.03), period=0.004)
+    arm.run(0.2)
+    for k in range(30):
+        with suppress(InvalidMessageError):  # until the stamps are where they were
+            arm.step(stamps=-0.06 if k == 0 else None)
+    assert arm.commands[-1] is not None
+    with pytest.raises(InvalidMessageError, match="later than the best one"):
+        arm.step(late=0.05)
+
+
 # --- gaps -----------------------------------------------------------------------------------
 @pytest.mark.parametrize("gap", [0.02, 0.05, 0.09])
 @pytest.mark.parametrize("feedback", ["internal", "measured"])
