@@ -10,7 +10,6 @@ import io
 import signal
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from functools import cache
@@ -43,33 +42,40 @@ _DDS = Path(__file__).with_name("fast_dds.xml")
 _STOP_SECONDS = 3.0
 
 
-def wait_for(condition: Callable[[], Any], what: str) -> None:
-    """Wait until a condition on DDS holds: within a process that is soon."""
+def wait_for(condition, what):
     deadline = time.monotonic() + _LONGEST
     while not condition():
         assert time.monotonic() < deadline, f"{what}: has not happened within {_LONGEST:g} s"
         time.sleep(0.0005)
 
 
-def take(subscription: Subscription) -> tuple[Any, Any]:
-    """Return the next message of a subscription with its info; wait for it."""
-    found: list[Any] = []
+def taken_by(take_one, what):
+    """Return the next of what is taken; wait for it."""
+    found = []
 
-    def is_there() -> bool:
-        with subscription.handle:
-            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-        found[:] = [] if taken is None else [taken]
-        return taken is not None
+    def is_there():
+        found[:] = [take_one()]
+        return found[0] is not None
 
-    wait_for(is_there, f"a message on {subscription.topic_name}")
+    wait_for(is_there, what)
     return found[0]
 
 
-def module_of(executable: str) -> Any:
+def take(subscription):
+    """Return the next message of a subscription with its info; wait for it."""
+
+    def take_one():
+        with subscription.handle:
+            return subscription.handle.take_message(subscription.msg_type, subscription.raw)
+
+    return taken_by(take_one, f"a message on {subscription.topic_name}")
+
+
+def module_of(executable):
     return importlib.import_module(executables()[executable])
 
 
-def class_of(executable: str) -> type[Node]:
+def class_of(executable):
     """Return the class of the node of an executable, which its module defines."""
     late = {"bag_recorder": "eulerparams_control.bags.ros.recorder_node"}  # it is imported late
     module = importlib.import_module(late.get(executable, executables()[executable]))
@@ -85,17 +91,11 @@ class Ended:
     stdout: str
     stderr: str
 
-    def end(self) -> int:
+    def end(self):
         return self.exit_code
 
 
-def run_to_its_end(
-    executable: str,
-    folder: Path,
-    parameters: dict[str, Any] | None = None,
-    *,
-    files: Sequence[Path] = (),
-) -> Ended:
+def run_to_its_end(executable, folder, parameters=None, *, files=()):
     """Call the ``main`` of an executable that refuses its parameters, as its users start it."""
     arguments = ros_arguments(folder, parameters, files, ())
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -119,10 +119,10 @@ def run_to_its_end(
 class _Log:
     """The logger of a node, which keeps what is said."""
 
-    def __init__(self, lines: list[str]) -> None:
+    def __init__(self, lines):
         self._lines = lines
 
-    def __getattr__(self, level: str) -> Callable[..., None]:
+    def __getattr__(self, level):
         return lambda message, **_: self._lines.append(f"[{level.upper()}] {message}")
 
 
@@ -132,28 +132,28 @@ class InProcess:
     world: "World"
     log: list[str]
 
-    def get_logger(self) -> Any:
+    def get_logger(self):
         return _Log(self.log)
 
-    def create_publisher(self, *args: Any, **keywords: Any) -> Any:
-        return self.world.watch(super().create_publisher(*args, **keywords))  # type: ignore[misc]
+    def create_publisher(self, *args, **keywords):
+        return self.world.watch(super().create_publisher(*args, **keywords))
 
-    def create_subscription(self, *args: Any, **keywords: Any) -> Any:
-        subscription = super().create_subscription(*args, **keywords)  # type: ignore[misc]
+    def create_subscription(self, *args, **keywords):
+        subscription = super().create_subscription(*args, **keywords)
         self.world.begin(self, subscription)
         return subscription
 
-    def destroy_subscription(self, subscription: Any) -> bool:
+    def destroy_subscription(self, subscription):
         self.world.change()
-        return bool(super().destroy_subscription(subscription))  # type: ignore[misc]
+        return bool(super().destroy_subscription(subscription))
 
-    def destroy_node(self) -> None:
+    def destroy_node(self):
         self.world.forget(self)
-        super().destroy_node()  # type: ignore[misc]
+        super().destroy_node()
         vars(self).clear()  # what is left in cycles would keep the ports of the domain
 
-    def create_timer(self, period: float, callback: Any, **keywords: Any) -> Any:
-        timer = super().create_timer(period, callback, **keywords, autostart=False)  # type: ignore[misc]
+    def create_timer(self, period, callback, **keywords):
+        timer = super().create_timer(period, callback, **keywords, autostart=False)
         self.world.timers.append(_Timer(self, timer, period, self.world.now + period))
         return timer
 
@@ -166,10 +166,6 @@ class _Timer:
     timer: Any
     period: float
     due: float
-
-    @property
-    def is_alive(self) -> bool:
-        return self.timer in self.node.timers
 
 
 @dataclass
@@ -185,20 +181,20 @@ class Running:
     exit_code: int | None = None
 
     @property
-    def log(self) -> str:
+    def log(self):
         return "\n".join([*self.lines, self.stdout, self.stderr])
 
-    def end(self) -> int:
+    def end(self):
         self.world.until(lambda: self.exit_code is not None, f"the end of {self.name}")
         assert self.exit_code is not None
         return self.exit_code
 
-    def kill(self) -> None:
+    def kill(self):
         """Destroy the node without warning."""
         self.exit_code = -9
         self.node.destroy_node()
 
-    def stop(self, meanwhile: Callable[[], Any] = lambda: None) -> int:
+    def stop(self, meanwhile=lambda: None):
         """End the node as a signal does, while something goes on; return the exit code."""
         deadline = self.world.now + _STOP_SECONDS
         at_rest = getattr(self.node, "at_rest", lambda: True)
@@ -209,7 +205,7 @@ class Running:
         assert self.exit_code is not None
         return self.exit_code
 
-    def finish(self, error: EulerParamsError | None = None) -> None:
+    def finish(self, error=None):
         """End the node as the runtime does when it is done, or has failed."""
         out, err = io.StringIO(), io.StringIO()
         node = self.node
@@ -223,8 +219,7 @@ class Running:
             self.stdout, self.stderr = self.stdout + out.getvalue(), self.stderr + err.getvalue()
         node.destroy_node()
 
-    def review(self) -> None:
-        """End the node if it is done."""
+    def review(self):
         if self.exit_code is None and getattr(self.node, "done", False):
             self.finish(getattr(self.node, "error", None))
 
@@ -239,30 +234,30 @@ class World:
 
     step = STEP
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder):
         self.folder = folder
         self._domain = Domain()
         self.domain = self._domain.number
         self.now = 1000.0
-        self.timers: list[_Timer] = []
-        self.running: list[Running] = []
-        self._nodes: list[Any] = []
-        self._publishers: list[Any] = []
-        self._sent: Counter[int] = Counter()  # messages by the id of a publisher
-        self._waiting: deque[tuple[Any, Subscription]] = deque()
-        self._outstanding: Counter[int] = Counter()  # by the id of a subscription
+        self.timers = []
+        self.running = []
+        self._nodes = []
+        self._publishers = []
+        self._sent = Counter()  # messages by the id of a publisher
+        self._waiting = deque()
+        self._outstanding = Counter()  # by the id of a subscription
         self._is_acting = False
         self._has_changed = False
-        self._routes: dict[int, list[tuple[Any, Subscription]]] = {}
+        self._routes = {}
         self.context = Context()
         rclpy.init(args=[], context=self.context, domain_id=self.domain)
         with patch.dict("os.environ", {"FASTRTPS_DEFAULT_PROFILES_FILE": str(_DDS)}):
             self.peer = WorldPeer(self)
 
-    def __enter__(self) -> "World":
+    def __enter__(self):
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *_):
         try:
             for node in list(self._nodes):
                 node.destroy_node()
@@ -274,15 +269,7 @@ class World:
 
     # --- nodes -------------------------------------------------------------------------
 
-    def start(
-        self,
-        executable: str,
-        parameters: dict[str, Any] | None = None,
-        *,
-        files: Sequence[Path] = (),
-        namespace: str = "",
-        remap: Sequence[str] = (),
-    ) -> Running:
+    def start(self, executable, parameters=None, *, files=(), namespace="", remap=()):
         """Make the node of an executable; ``files`` of parameters come before ``parameters``."""
         rules = [f"__ns:={namespace}", *remap] if namespace else remap
         arguments = ros_arguments(self.folder, parameters, files, rules)
@@ -296,13 +283,11 @@ class World:
         running.review()
         return running
 
-    def make(
-        self, kind: type[Any], lines: list[str], *args: Any, cli_args: Any = None, **given: Any
-    ) -> Any:
+    def make(self, kind, lines, *args, cli_args=None, **given):
         """Return a node of a class in this world, which logs to ``lines``."""
         initialize = Node.__init__
 
-        def with_context(node: Any, name: str, **keywords: Any) -> None:
+        def with_context(node, name, **keywords):
             keywords |= {"context": self.context, "cli_args": cli_args}
             initialize(node, name, **keywords)
             self._nodes.append(node)
@@ -313,33 +298,32 @@ class World:
             node = self.act(lambda: made(*args, **given))
         return node
 
-    def create_node(self, name: str, **_: Any) -> Any:
+    def create_node(self, name, **_):
         """Return a plain node in this world, as ``rclpy.create_node`` does."""
         return self.make(Node, [], name)
 
-    def forget(self, node: Any) -> None:
-        """Do without a node that goes."""
+    def forget(self, node):
         self._nodes.remove(node)
         self.timers = [each for each in self.timers if each.node is not node]
         gone = set(map(id, node.publishers))
         self._publishers = [each for each in self._publishers if id(each) not in gone]
         self.change()
 
-    def logs(self) -> str:
+    def logs(self):
         return "\n".join(f"--- {each.name}: {each.exit_code}\n{each.log}" for each in self.running)
 
     # --- messages ----------------------------------------------------------------------
 
-    def watch(self, publisher: Any) -> Any:
+    def watch(self, publisher):
         """Let what a publisher sends be acted on."""
         send, count = publisher.publish, publisher.get_subscription_count
 
-        def settled_count() -> int:
+        def settled_count():
             least, words = len(self._listeners(publisher)), "the subscribers of"
             wait_for(lambda: count() >= least, f"{words} {publisher.topic_name}")
             return int(count())
 
-        def publish(msg: Any) -> None:
+        def publish(msg):
             settled_count()
             send(msg)
             self._sent[id(publisher)] += 1
@@ -352,7 +336,7 @@ class World:
         self.change()
         return publisher
 
-    def begin(self, node: Any, subscription: Subscription) -> None:
+    def begin(self, node, subscription):
         """Expect what was sent before a subscription to a latched topic."""
         for publisher in self._publishers:
             is_latched = subscription.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
@@ -362,12 +346,12 @@ class World:
         self.change()
         self.act()
 
-    def change(self) -> None:
+    def change(self):
         """Note that publishers or subscriptions come or go."""
         self._has_changed = True
         self._routes.clear()
 
-    def act(self, callback: Callable[[], Any] = lambda: None) -> Any:
+    def act(self, callback=lambda: None):
         """Call something of a node, and then let all messages be acted on; return its result."""
         steady.go_by(lambda: self.now)
         if self._is_acting:
@@ -382,20 +366,20 @@ class World:
             running.review()
         return result
 
-    def _listeners(self, publisher: Any) -> list[tuple[Any, Subscription]]:
+    def _listeners(self, publisher):
         """Return the subscriptions that a publisher is heard by, with their nodes."""
         if id(publisher) not in self._routes:
             heard = [(n, s) for n in self._nodes for s in n.subscriptions if _match(publisher, s)]
             self._routes[id(publisher)] = heard
         return self._routes[id(publisher)]
 
-    def _expect(self, node: Any, subscription: Subscription) -> None:
+    def _expect(self, node, subscription):
         """Expect one message more, of those that its queue holds."""
         if self._outstanding[id(subscription)] < subscription.qos_profile.depth:
             self._outstanding[id(subscription)] += 1
             self._waiting.append((node, subscription))
 
-    def _settle(self) -> None:
+    def _settle(self):
         self._see_changes()
         for _ in range(_AT_ONCE):
             if not self._waiting:
@@ -406,7 +390,7 @@ class World:
                 self._deliver(node, subscription)
                 self._see_changes()
 
-    def _deliver(self, node: Any, subscription: Subscription) -> None:
+    def _deliver(self, node, subscription):
         msg, info = take(subscription)
         with self._failing(node):
             if subscription._callback_type is Subscription.CallbackType.MessageOnly:
@@ -415,7 +399,7 @@ class World:
                 subscription.callback(msg, info)
 
     @contextmanager
-    def _failing(self, node: Any) -> Iterator[None]:
+    def _failing(self, node):
         """End a node by an error of the package, as the runtime does."""
         try:
             yield
@@ -423,7 +407,7 @@ class World:
             running = next(each for each in self.running if each.node is node)
             running.finish(error)
 
-    def _see_changes(self) -> None:
+    def _see_changes(self):
         """Wait until the graph shows the publishers and subscriptions that there are."""
         if not self._has_changed or not self._nodes:
             return
@@ -437,39 +421,34 @@ class World:
 
     # --- services ----------------------------------------------------------------------
 
-    def ask(self, client: Any, request: Any) -> Any:
+    def ask(self, client, request):
         """Let a service of a node answer a client; return the response."""
         wait_for(client.service_is_ready, f"service {client.srv_name}")
-        service = self._service(client.srv_name)
-        found: list[Any] = []
+        name, words = client.srv_name.strip("/"), f"a message of {client.srv_name}"
+        services = (service for node in self._nodes for service in node.services)
+        service = next(s for s in services if s.service_name.strip("/") == name)
+        kind = service.srv_type
 
-        def taken_by(take_one: Callable[[], Any], index: int) -> Any:
-            def is_there() -> bool:
-                taken = take_one()
-                found[:] = [taken] if taken is not None and taken[index] is not None else []
-                return bool(found)
+        def taken(take_one, index):
+            def whole():
+                found = take_one()
+                return found if found is not None and found[index] is not None else None
 
-            wait_for(is_there, f"a message of {client.srv_name}")
-            return found[0]
+            return taken_by(whole, words)
 
         client.handle.send_request(request)
-        kind = service.srv_type
-        asked, header = taken_by(lambda: service.handle.service_take_request(kind.Request), 1)
+        asked, header = taken(lambda: service.handle.service_take_request(kind.Request), 1)
         response = self.act(lambda: service.callback(asked, kind.Response()))
         service.send_response(response, header)
-        return taken_by(lambda: client.handle.take_response(kind.Response), 0)[1]
-
-    def _service(self, name: str) -> Any:
-        services = (service for node in self._nodes for service in node.services)
-        return next(s for s in services if s.service_name.strip("/") == name.strip("/"))
+        return taken(lambda: client.handle.take_response(kind.Response), 0)[1]
 
     # --- time --------------------------------------------------------------------------
 
-    def advance(self, seconds: float) -> None:
+    def advance(self, seconds):
         """Let time pass, and call the timers that are due meanwhile, in their order."""
         end = self.now + seconds
         while True:
-            self.timers = [each for each in self.timers if each.is_alive]
+            self.timers = [each for each in self.timers if each.timer in each.node.timers]
             due = min(self.timers, key=lambda each: each.due, default=None)
             if due is None or due.due > end:
                 break
@@ -478,11 +457,11 @@ class World:
             self.act(lambda d=due: self._call(d))
         self.now = end
 
-    def _call(self, due: _Timer) -> None:
+    def _call(self, due):
         with self._failing(due.node):
             due.timer.callback()
 
-    def until(self, condition: Callable[[], Any], what: str) -> Any:
+    def until(self, condition, what):
         """Let time pass until ``condition()`` is true; return what it returned."""
         deadline = time.monotonic() + _LONGEST
         for _ in range(round(PATIENCE / STEP)):
@@ -494,19 +473,19 @@ class World:
             self.advance(STEP)
         raise AssertionError(f"{what}: has not happened; what was said:\n{self.logs()}")
 
-    def until_said(self, running: Running, words: str) -> None:
+    def until_said(self, running, words):
         self.until(lambda: words in running.log, f"'{words}' in the log")
 
 
-def each_once(parameters: Callable[[str], dict[str, Any]]) -> Any:
+def each_once(parameters):
     """Return a fixture that starts controllers by name, each once and in a world of its own."""
 
     @pytest.fixture(scope="module")
-    def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    def shared(tmp_path_factory):
         with ExitStack() as stack:
 
             @cache
-            def start(executable: str) -> Controlled:
+            def start(executable):
                 world = stack.enter_context(World(tmp_path_factory.mktemp(executable)))
                 return Controlled(world, executable, parameters(executable))
 
@@ -518,15 +497,15 @@ def each_once(parameters: Callable[[str], dict[str, Any]]) -> Any:
 class WorldPeer(Peer):
     """The node of the test in a world."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world):
         super().__init__(world)
         self.node = self.another_node("peer")
 
-    def another_node(self, name: str) -> Any:
+    def another_node(self, name):
         return self.graph.create_node(name)
 
 
-def _match(publisher: Any, subscription: Subscription) -> bool:
+def _match(publisher, subscription):
     """Return whether DDS gives a subscription what a publisher sends."""
     sends, takes = publisher.qos_profile, subscription.qos_profile
     best, volatile = ReliabilityPolicy.BEST_EFFORT, DurabilityPolicy.VOLATILE

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from arms import reduced_model, robot_named
+from arms import Plant as FreeArm
+from arms import robot_named
 
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.control.mode import Mode
@@ -26,7 +27,7 @@ FASTEST_HAND = 1.0
 AT_TIP = Placement(np.eye(3), np.zeros(3))
 
 
-class Plant:
+class Plant(FreeArm):
     """An arm by forward dynamics, with rotors and friction.
 
     Args:
@@ -36,18 +37,17 @@ class Plant:
     """
 
     def __init__(self, name, rotors=0.1, viscous=1.0, coulomb=0.5):
-        robot, home = robot_named(name)
-        self.robot, self.viscous, self.coulomb = robot, viscous, coulomb
-        self.model = reduced_model(load_robot(name).urdf, robot.joints)
-        self.model.armature = np.full(robot.n, rotors)
-        self.tip = self.model.getFrameId(robot.tip_frame)
-        self.data = self.model.createData()
-        self.q, self.dq = home.copy(), np.zeros(robot.n)
+        super().__init__(name)
+        self.robot, self.viscous, self.coulomb = robot_named(name)[0], viscous, coulomb
+        self.model.armature = np.full(self.robot.n, rotors)
 
     def jacobian(self):
         """Return J (6, n) of the tip, base axes; the base is the root."""
         world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         return pin.computeFrameJacobian(self.model, self.data, self.q, self.tip, world)
+
+    def gravity(self):
+        return pin.computeGeneralizedGravity(self.model, self.data, self.q)
 
     def tip_state(self):
         """Return p_e (3,), R_e (3, 3), dp_e (3,)."""
@@ -55,7 +55,7 @@ class Plant:
         pose = self.data.oMf[self.tip]
         return pose.translation.copy(), pose.rotation.copy(), (self.jacobian() @ self.dq)[:3]
 
-    def step(self, tau, force, dt):
+    def push(self, tau, force, dt):
         """Move on by dt [s] under tau (n,) and force(p_e, dp_e) (3,) [N] on the tip."""
         count = int(np.ceil(dt / INNER - 1e-9))
         for _ in range(count):
@@ -63,9 +63,7 @@ class Plant:
             pin.framesForwardKinematics(self.model, self.data, self.q)
             f = force(self.data.oMf[self.tip].translation, J[:3] @ self.dq)
             rubs = self.viscous * self.dq + self.coulomb * np.tanh(self.dq / SMOOTH)
-            acts = tau - rubs + J[:3].T @ f
-            self.dq = self.dq + dt / count * pin.aba(self.model, self.data, self.q, self.dq, acts)
-            self.q = self.q + dt / count * self.dq
+            self.step(tau - rubs + J[:3].T @ f, dt / count)
 
 
 @dataclass
@@ -106,9 +104,8 @@ class Wall:
 
 def most_that_joints_hold(plant, axis):
     """Return the force [N] along an axis (3,) at which the weakest joint gives way."""
-    g = pin.computeGeneralizedGravity(plant.model, plant.data, plant.q)
-    lever = np.abs(plant.jacobian()[:3].T @ axis)
-    return float(((plant.robot.limits.effort - np.abs(g)) / np.maximum(lever, 1e-9)).min())
+    lever = np.maximum(np.abs(plant.jacobian()[:3].T @ axis), 1e-9)
+    return ((plant.robot.limits.effort - np.abs(plant.gravity())) / lever).min()
 
 
 class Leaning:
@@ -164,14 +161,10 @@ class Leaning:
         command = self.controller.step(round(1e9 * t), plant.q.copy(), plant.dq.copy(), t)
         self.efforts.append(None if command is None else command.effort)
         self._on_the_way.append(self.efforts[-1])
-        # a robot without a command brakes: none of its efforts is that of the controller
+        # a robot without a command brakes: gravity, and damping that its limits bear
         self.tau = self._on_the_way.popleft()
-        plant.step(self.brakes() if self.tau is None else self.tau, self.force, self.dt)
-
-    def brakes(self):
-        """Return efforts of the robot's own: gravity, and damping that its limits bear."""
-        g = pin.computeGeneralizedGravity(self.plant.model, self.plant.data, self.plant.q)
-        return g - 20.0 * self.plant.dq
+        brakes = plant.gravity() - 20.0 * plant.dq
+        plant.push(brakes if self.tau is None else self.tau, self.force, self.dt)
 
     def run(self, seconds, until=None):
         """Go on for a time [s], or until it is true."""

@@ -1,60 +1,46 @@
-"""Commands of every scheme and representation along a motion, in a file: FILE."""
+"""Commands of every law and representation, asked for all there is, in a file: FILE."""
 
 import sys
 
+import numba.core.event
 import numpy as np
-
-from eulerparams_control.control.controller import Controller, ControllerOptions
-from eulerparams_control.laws.orientation import ORIENTATIONS
-from eulerparams_control.laws.wrench import SensedWrench
-from eulerparams_control.motion.trajectories import Circle
-from eulerparams_control.parameters.schemes import schemes
-from eulerparams_control.robot.catalogue import load_robot
-from eulerparams_control.robot.robot import Robot
-
-STEPS, MS = 24, 1_000_000
+from yardstick import LAWS, REPRESENTATIONS, Product, Script, arm_named, circle
 
 
-def commands(arm, robot, info, orientation):
-    """Return the commands (STEPS, ...) while the arm goes along a circle, a bit beside it.
+class Compilations(numba.core.event.Listener):
+    """Counts what numba compiles."""
 
-    In the middle the representation changes.
-    """
-    scheme = info.parameters(orientation=orientation).make_scheme(robot)
-    controller = Controller(scheme, ControllerOptions(), np.array(arm.home))
-    frame = scheme.start_frame()
-    circle = Circle(0.1, np.array([1.0, 0.3, 0.0]), 2.0, 1.0, 0.5, 0.5)
-    controller.follow(circle.trajectory(frame.p_d, frame.R_d), None)
-    rows, rng, dq = [], np.random.default_rng(0), 0.05 * np.ones(robot.n)
-    for k in range(STEPS):
-        if "wrench" in info.inputs:
-            wrench = 5.0 * rng.normal(size=6)
-            scheme.sense(SensedWrench(wrench, robot.placement(arm.sensor_frame)))
-        q = np.array(arm.home) + 1e-3 * k * dq
-        if k == STEPS // 2:
-            other = ORIENTATIONS[ORIENTATIONS.index(orientation) - 1]
-            scheme.change(info.parameters(orientation=other))
-        if k == STEPS - 5:
-            controller.halt()
-        command = controller.step((k + 1) * 4 * MS, q, dq, now=4e-3 * (k + 1))
-        controller.guidance.lyapunov()
-        assert command is not None
-        assert not controller.fault
-        told = (command.q, command.dq, command.effort)
-        rows.append(np.concatenate([part for part in told if part is not None]))
+    count = 0
+
+    def on_start(self, event):
+        self.count += 1
+
+    def on_end(self, event):
+        """Nothing is counted at the end."""
+
+
+def commands(law, orientation):
+    """Return the commands along a circle, of a stream, to a pose, by a twist, and in a halt."""
+    arm = arm_named("ur5")
+    script = Script(arm, 11, arm.home)
+    other = REPRESENTATIONS[REPRESENTATIONS.index(orientation) - 1]
+    script.go(8, "follow", *circle(script.pose, 0.1, 2.0, 0.4))
+    script.go(4, "change", {"orientation": other, "max_linear_speed": 0.05})
+    script.go(4, "stream", *script.pose)
+    script.go(4, "aim", *script.pose)
+    script.go(4, "jog", np.array([0.05, 0.0, 0.0, 0.0, 0.2, 0.0]))
+    script.go(5, "halt")
+    product, rows = Product(law, arm, {"orientation": orientation}, arm.home), []
+    for tick in script.ticks:
+        product.at(tick.receipt)
+        assert all(product.order(*order) for order in tick.orders)
+        rows.append(product.step(tick))
+        assert not product.controller.fault
     return np.array(rows)
 
 
-def all_commands():
-    """Return the commands by scheme and orientation."""
-    ur5 = load_robot("ur5")
-    model = Robot(ur5.urdf, ur5.base_frame, ur5.tip_frame)
-    return {
-        f"{info.name} {orientation}": commands(ur5, model, info, orientation)
-        for info in schemes().values()
-        for orientation in ORIENTATIONS
-    }
-
-
 if __name__ == "__main__":
-    np.savez(sys.argv[1], **all_commands())
+    compilations = Compilations()
+    with numba.core.event.install_listener("numba:compile", compilations):
+        found = {f"{law} {name}": commands(law, name) for law in LAWS for name in REPRESENTATIONS}
+    np.savez(sys.argv[1], compilations=compilations.count, **found)

@@ -1,6 +1,5 @@
 """Times of the states of a robot: order, gaps, rates, clocks that are off."""
 
-import math
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -9,23 +8,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arms import HOME, STILL, UR5, Plant, clik, dynamic_control
+from arms import HOME, UR5, Plant, clik, dynamic_control
+from driven import CHECKED, LIMITS, MS, T_0, Driver, moved
 from samples import generator
-from test_controller import MS, T_0, moved
 from tolerances import RELATIVE, assert_close
 
-from eulerparams_control.control.admission import AGAIN, Admission
-from eulerparams_control.control.clock import Instant, Latency, NominalPeriod
-from eulerparams_control.control.controller import Controller, ControllerOptions
+from eulerparams_control.control.clock import Latency, NominalPeriod
+from eulerparams_control.control.controller import ControllerOptions
 from eulerparams_control.control.mode import Cause, Mode
 from eulerparams_control.errors import InvalidMessageError, RobotError
-from eulerparams_control.motion.motion_limits import MotionLimits
-from eulerparams_control.motion.references import SetPoint
-from eulerparams_control.motion.trajectories import way_points
 from eulerparams_control.robot.catalogue import find_urdf
 from eulerparams_control.robot.robot import Robot
 
-CHECKED = ControllerOptions(check_states=True)
 KINOVA = Robot(
     find_urdf("example-robot-data:kinova_description/robots/kinova.urdf", Path()).read_text(),
     "base",
@@ -34,63 +28,11 @@ KINOVA = Robot(
 DT, ACCELERATION = 0.002, 10.0  # [s], [rad/s^2]
 
 
-class Driver:
-    """A robot that does what it is told, its controller, and its states by the steady clock.
-
-    Its driver reports continuous joints within (-pi, pi] if it wraps.
-    """
-
-    def __init__(self, scheme, q, *, wraps=True, period=DT, options=CHECKED):
-        self.robot, self.wraps, self.period = scheme.robot, wraps, period
-        self.q, self.dq = q.copy(), np.zeros(scheme.robot.n)
-        self.t, self.now = T_0, 50.0
-        self.commands = []
-        self.controller = Controller(scheme, options, self.measured)
-
-    @property
-    def measured(self):
-        """The positions that the driver reports."""
-        q = self.q.copy()
-        if self.wraps:
-            turning = np.isinf(self.robot.limits.upper)
-            q[turning] = np.pi - (np.pi - q[turning]) % (2 * np.pi)
-        return q
-
-    def step(self, dt=None, *, stamps=None, pushed=None):
-        """Let a time pass, by the stamps perhaps another, and obey; return the command."""
-        dt = self.period if dt is None else dt
-        self.now += dt
-        self.t += round(1e9 * (dt if stamps is None else stamps))
-        if pushed is not None:
-            self.q = self.q + pushed
-        command = self.controller.step(self.t, self.measured, self.dq, self.now)
-        if command is not None and command.q is not None:
-            self.commands.append(command.q)
-            turns = 2 * np.pi * np.round((self.q - command.q) / (2 * np.pi))
-            turns[np.isfinite(self.robot.limits.upper)] = 0
-            self.q, self.dq = command.q + turns * self.wraps, command.dq
-        return command
-
-    def run(self, seconds):
-        """Go on for a time [s]."""
-        for _ in range(round(seconds / self.period)):
-            self.step()
-
-    def turn(self, joint, angle, duration=1.5):
-        """Send the motion to where a joint is turned by an angle [rad]."""
-        here = self.controller.scheme.frame_at(self.q)
-        q = self.q.copy()
-        q[joint] += angle
-        goal = self.controller.scheme.frame_at(q)
-        path = [(here.p_d, here.R_d), (goal.p_d, goal.R_d)]
-        self.controller.follow(way_points([0.0, duration], path), None, self.now)
-
-
 def on_its_way(options=CHECKED, **parameters):
     """Return a UR5 under CLIK halfway to a goal, and that goal."""
-    arm, goal = Driver(clik(limited=True, **parameters), HOME, options=options), moved(0.2)
+    arm, goal = Driver(clik(limited=True, **parameters), options=options, period=DT), moved(0.2)
     arm.run(0.1)
-    arm.controller.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None, arm.now)
+    arm.go(goal, seconds=1.5)
     arm.run(0.75)
     return arm, goal
 
@@ -98,7 +40,12 @@ def on_its_way(options=CHECKED, **parameters):
 def kinova(q, **options):
     """Return a Kinova under CLIK at q."""
     scheme = clik(limited=True, robot=KINOVA, max_joint_acceleration=(ACCELERATION,))
-    return Driver(scheme, q, **options)
+    return Driver(scheme, q, period=DT, **options)
+
+
+def turn(arm, joint, angle):
+    """Send the motion to where a joint is turned by an angle [rad]."""
+    arm.go(arm.scheme.frame_at(arm.q + angle * np.eye(6)[joint]), seconds=1.5)
 
 
 # --- turns ----------------------------------------------------------------------------------
@@ -114,8 +61,9 @@ def silence(arm):
 
 
 def fault(arm):
-    arm.controller.step(arm.t, arm.measured + 1e-3, arm.dq, arm.now)  # under the same stamp
-    assert arm.controller.why.cause is Cause.STAMP_STUCK
+    arm.step(0.0, q=arm.q + 1e-3)  # under the same stamp
+    assert arm.why.cause is Cause.STAMP_STUCK
+    arm.q = arm.q - 1e-3
     arm.run(0.6)
 
 
@@ -125,66 +73,67 @@ def test_a_driver_that_wraps_continuous_joints_never_makes_a_command_step(event,
     arm = kinova(NEAR_PI, wraps=wraps)
     arm.run(0.1)
     for angle, goal in ((0.4, np.pi + 0.25), (-0.3, np.pi - 0.05)):
-        arm.turn(5, angle)
+        turn(arm, 5, angle)
         arm.run(2.0)
-        assert arm.commands[-1][5] == pytest.approx(goal, abs=1e-3)  # through pi, and back
+        assert arm.commands[-1].q[5] == pytest.approx(goal, abs=1e-3)  # through pi, and back
         event(arm)
         arm.run(0.6)
-    arm.turn(5, 0.4)
+    turn(arm, 5, 0.4)
     arm.run(0.75)
     if event is not silence:  # after which the arm has come to rest
         event(arm)
     arm.run(1.0)
-    speeds = np.diff(arm.commands, axis=0) / DT
-    assert np.abs(np.diff(speeds, axis=0)).max() <= ACCELERATION * DT + 1e-9
+    q = np.array([command.q for command in arm.commands if command is not None])
+    assert np.abs(np.diff(q, 2, axis=0)).max() <= ACCELERATION * DT**2 + 1e-9 * DT
 
 
 def test_a_joint_without_wrapping_is_where_it_says_it_is_after_a_silence():
     """Its driver lost the count of turns: a command a turn away would turn the arm round."""
-    arm = kinova(NEAR_PI, wraps=False)
+    arm = kinova(NEAR_PI)
     arm.run(0.1)
-    command = arm.step(5.0, pushed=-2 * np.pi * np.eye(6)[5])
+    command = arm.step(5.0, q=arm.q - 2 * np.pi * np.eye(6)[5])
     assert_close(command.q, arm.q, RELATIVE)
     assert command.q[5] < 0
 
 
 def test_joints_with_limits_are_never_taken_a_turn_away():
-    admission = Admission(KINOVA, 0.1, 0.05, False, np.zeros(6))
-    q = admission.admit(Instant(T_0, 50.0), np.full(6, 6.2), np.zeros(6), None, math.inf, True).q
+    arm = kinova(np.zeros(6), options=ControllerOptions())
     turning = np.isinf(KINOVA.limits.upper)
     assert turning.tolist() == [True, False, False, True, False, True]
-    np.testing.assert_allclose(q, 6.2 - 2 * np.pi * turning)
+    command = arm.step(q=np.full(6, 6.2))
+    np.testing.assert_allclose(command.q[turning], 6.2 - 2 * np.pi)
+    arm = Driver(clik(), options=ControllerOptions())
+    np.testing.assert_allclose(arm.step(q=np.full(6, 6.2)).q, 6.2)
 
 
 def test_a_state_of_another_size_is_refused_and_the_next_one_is_taken():
     arm, _ = on_its_way()
     for more in (1, 3):
-        arm.run(arm.period)
+        q = arm.q
         with pytest.raises(RobotError, match=r"expected \(6,\)"):
-            arm.controller.step(arm.t + 1, np.append(arm.q, more * [9.0]), arm.dq, arm.now)
-        assert arm.step() is not None
+            arm.step(q=np.append(q, more * [9.0]))
+        assert arm.step(q=q) is not None
 
 
 # --- clocks that are set ---------------------------------------------------------------------
 @pytest.mark.parametrize("jump", [0.3, -20.0])
 @pytest.mark.parametrize("event", ["", "halt", "aim"])
 def test_after_a_jump_of_the_stamps_the_tip_brakes_along_its_path_within_the_limits(jump, event):
-    options = replace(CHECKED, motion=MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0))
+    options = replace(CHECKED, motion=LIMITS)
     arm, goal = on_its_way(options, max_joint_acceleration=(ACCELERATION,))
     if event == "halt":
-        arm.controller.halt()
+        arm.halt()
         arm.run(0.05)
     arm.step(stamps=jump)
     arm.run(0.05)
     if event == "aim":  # it goes on from where it is
-        arm.controller.aim(goal, arm.now)
+        arm.aim(goal, arm.now)
     else:
         stopped, jumped = (Mode.STOPPED, Cause.HALT), (Mode.HOLDING, Cause.STAMP_JUMP)
-        expected = stopped if event == "halt" else jumped
-        assert (arm.controller.mode, arm.controller.why.cause) == expected
+        assert (arm.mode, arm.why.cause) == (stopped if event == "halt" else jumped)
     assert np.abs(arm.dq).max() > 0.05
     arm.run(2.0)
-    q = np.array(arm.commands)
+    q = np.array([command.q for command in arm.commands])
     p = UR5.states(q, np.zeros_like(q)).p_e
     assert np.linalg.norm(np.diff(p, 2, axis=0), axis=1).max() <= 1.05 * DT**2
     assert np.abs(p - p[0])[:, 1:].max() < 1e-6
@@ -192,13 +141,49 @@ def test_after_a_jump_of_the_stamps_the_tip_brakes_along_its_path_within_the_lim
     assert (np.linalg.norm(p[-1] - goal.p_d) < 1e-6) == (event == "aim")
 
 
+def ends_at(arm, goal):
+    arm.run(1.0)
+    desired = arm.guidance.tick_now.desired
+    np.testing.assert_allclose(desired.p_d, goal.p_d, atol=1e-9)
+
+
 def test_the_motion_goes_on_as_it_was_where_the_stamps_alone_go_on_by_a_little():
     arm, goal = on_its_way()
     arm.step(stamps=0.05)
-    arm.run(1.0)
-    assert np.abs(np.diff(arm.commands, 2, axis=0)).max() <= ACCELERATION * DT**2
-    last = arm.controller.guidance.tick_now.desired
-    np.testing.assert_allclose(last.p_d, goal.p_d, atol=1e-9)
+    ends_at(arm, goal)
+    q = np.array([command.q for command in arm.commands])
+    assert np.abs(np.diff(q, 2, axis=0)).max() <= ACCELERATION * DT**2
+
+
+@pytest.mark.parametrize("between", ["a repeated stamp", "a leap of the arm"])
+def test_after_a_clock_was_set_back_a_bad_state_does_not_make_the_next_ones_late(between):
+    arm = Driver(dynamic_control(), options=replace(CHECKED, max_latency=0.03), period=0.004)
+    arm.run(0.2)
+    first, last = arm.t, arm.now
+
+    def put(stamp, q=HOME):
+        with suppress(InvalidMessageError):
+            arm.step(stamps=(first + stamp * MS - arm.t) / 1e9, q=q)
+
+    for k in range(4):
+        put(4 * k - 60)  # it is set back
+    put(*((0, HOME) if between == "a repeated stamp" else (1, HOME + 2.0)))
+    for stamp in (-30, -40):  # disordered
+        put(stamp)
+    arm.now = last + 0.08
+    for k in range(1, 20):
+        arm.step(stamps=(first + (1 + 4 * k) * MS - arm.t) / 1e9, q=HOME)  # none is refused
+
+
+def test_after_a_clock_was_set_back_lateness_is_judged_again():
+    arm = Driver(dynamic_control(), options=replace(CHECKED, max_latency=0.03), period=0.004)
+    arm.run(0.2)
+    for k in range(30):
+        with suppress(InvalidMessageError):  # until the stamps are where they were
+            arm.step(stamps=-0.06 if k == 0 else None)
+    assert arm.commands[-1] is not None
+    with pytest.raises(InvalidMessageError, match="later than the best one"):
+        arm.step(late=0.05)
 
 
 # --- gaps -----------------------------------------------------------------------------------
@@ -206,15 +191,13 @@ def test_the_motion_goes_on_as_it_was_where_the_stamps_alone_go_on_by_a_little()
 @pytest.mark.parametrize("feedback", ["internal", "measured"])
 def test_after_a_gap_positions_step_by_three_periods_and_the_motion_waits(gap, feedback):
     arm, goal = on_its_way(feedback=feedback)
-    command, desired = arm.step(), arm.controller.guidance.tick_now.desired
+    command, desired = arm.step(), arm.guidance.tick_now.desired
     after = arm.step(gap)
     most = 3.001 * DT * np.abs([command.dq, after.dq]).max(axis=0)
     assert (np.abs(after.q - command.q) <= most + RELATIVE).all()
-    went = arm.controller.guidance.tick_now.desired.p_d - desired.p_d
+    went = arm.guidance.tick_now.desired.p_d - desired.p_d
     assert np.linalg.norm(went) <= 3.01 * DT * np.linalg.norm(desired.dp_d)
-    arm.run(1.0)
-    last = arm.controller.guidance.tick_now.desired
-    np.testing.assert_allclose(last.p_d, goal.p_d, atol=1e-9)  # later, but all of it
+    ends_at(arm, goal)  # later, but all of it
 
 
 @pytest.mark.parametrize(
@@ -232,9 +215,9 @@ def test_after_a_gap_positions_step_by_three_periods_and_the_motion_waits(gap, f
 )
 def test_under_efforts_the_motion_goes_on_as_the_arm_does(missed, is_held, leap, is_simulated):
     """The efforts acted: waiting would pull the arm back, by 4.5 m/s^2 after 50 ms."""
-    plant = Plant()
-    controller = Controller(dynamic_control(), CHECKED, HOME)
-    goal, tau, peak, first = moved(0.2), None, 0.0, 350
+    plant, arm = Plant(), Driver(dynamic_control(), real=not is_simulated)
+    tau, peak, first = None, 0.0, 350
+    arm.go(moved(0.2), seconds=1.5)
     for step in range(1000):
         states = [(step * DT + leap * (step >= first), plant.q.copy(), plant.dq.copy())]
         if step == first:
@@ -244,18 +227,16 @@ def test_under_efforts_the_motion_goes_on_as_the_arm_does(missed, is_held, leap,
         elif step == first + missed:
             states = held + states
         for place, (stamp, q, dq) in enumerate(states):
-            receipt = None if is_simulated else 50.0 + step * DT + 1e-4 * place
+            arm.now = 50.0 + step * DT + 1e-4 * place
             with suppress(InvalidMessageError):  # until the stamps are where they were
-                command = controller.step(T_0 + round(stamp * 1e9), q, dq, receipt)
+                command = arm.step(0.0, stamps=stamp + (T_0 - arm.t) / 1e9, q=q, dq=dq)
                 tau = tau if command is None else command.effort  # None: at the same stamp again
-        if step == 0:
-            controller.follow(way_points([1.5], [(goal.p_d, goal.R_d)]), None)
         ddq = plant.acceleration(plant.q, plant.dq, tau)
         if step > 345:
             a = plant.tip_acceleration(plant.q, plant.dq, ddq)
             peak = max(peak, np.linalg.norm(a[:3]))
         plant.step(tau, DT)
-    assert controller.fault == ""
+    assert arm.fault == ""
     assert peak < 0.6
 
 
@@ -316,43 +297,40 @@ def effort(k_Po=800.0):
     ],
 )
 def test_a_rate_that_the_gains_do_not_bear_is_a_fault_or_a_warning(scheme, rate, fault, warning):
-    arm = Driver(scheme(), HOME, period=1 / rate)
-    for _ in range(15):
-        arm.step()
-    why = arm.controller.rate.why
-    assert fault in arm.controller.fault
-    assert bool(fault) == bool(arm.controller.fault)
-    assert warning in why.note
-    assert bool(warning) == bool(why.note)
+    arm = Driver(scheme(), period=1 / rate)
+    arm.run(15 / rate)
+    note = arm.rate.why.note
+    assert (fault in arm.fault, bool(fault)) == (True, bool(arm.fault))
+    assert (warning in note, bool(warning)) == (True, bool(note))
     if fault:
-        assert arm.controller.why.cause is Cause.RATE_TOO_LOW
+        assert arm.why.cause is Cause.RATE_TOO_LOW
         assert arm.step() is not None  # it is held
         with pytest.raises(InvalidMessageError, match="too seldom"):
-            arm.controller.follow(SetPoint(arm.controller.scheme.frame_at(HOME), 0.1), None, 99.0)
+            arm.aim(arm.here, 99.0)
 
 
 def test_the_remedy_of_a_rate_that_is_too_low_helps():
-    arm = Driver(fast(), HOME, period=0.025)
+    arm = Driver(fast(), period=0.025)
     arm.run(0.5)
     remedy = "publish 200 times a second or more, or set k_Pp to 20 or less"
-    assert remedy in arm.controller.why.remedy
-    arm.controller.scheme.change(fast(20.0).parameters)
+    assert remedy in arm.why.remedy
+    arm.scheme.change(fast(20.0).parameters)
     arm.run(0.6)
-    arm.turn(5, 0.2)
+    turn(arm, 5, 0.2)
     arm.run(2.0)
-    assert arm.controller.fault == ""
-    assert arm.controller.mode is Mode.FOLLOWING
-    arm.controller.scheme.change(fast(100.0).parameters)  # a gain is judged when it is changed
+    assert arm.fault == ""
+    assert arm.mode is Mode.FOLLOWING
+    arm.scheme.change(fast(100.0).parameters)  # a gain is judged when it is changed
     arm.step()
-    assert arm.controller.why.cause is Cause.RATE_TOO_LOW
+    assert arm.why.cause is Cause.RATE_TOO_LOW
 
 
 def test_jitter_about_the_bound_does_not_toggle_the_verdict():
-    arm, random = Driver(fast(), HOME, period=0.0105), generator(701)
+    arm, random = Driver(fast(), period=0.0105), generator(701)
     verdicts = []
     for _ in range(2000):
         arm.step(0.0105 * random.uniform(0.7, 1.3))
-        verdicts.append(arm.controller.rate.is_too_low)
+        verdicts.append(arm.rate.is_too_low)
     assert sum(before != after for before, after in pairwise(verdicts)) <= 1
 
 
@@ -361,18 +339,11 @@ def test_jitter_about_the_bound_does_not_toggle_the_verdict():
 def test_states_that_come_less_often_than_the_timeout_are_a_fault_with_its_remedy(
     scheme, is_simulated
 ):
-    arm = Driver(scheme(), HOME, period=0.125)
-    if is_simulated:
-        arm.controller = Controller(scheme(), CHECKED, HOME)
-    answers = []
-    for step in range(20):
-        now = None if is_simulated else 50.0 + 0.125 * step
-        answers.append(arm.controller.step(T_0 + 125 * step * MS, HOME, STILL, now))
-    why = arm.controller.why
+    arm = Driver(scheme(), period=0.125, real=not is_simulated)
+    last, why = arm.run(2.5)[-1], arm.why
     assert why.cause is Cause.RATE_TOO_LOW
     assert "come every 0.125 s, but state_timeout is 0.1 s" in why.fault
     assert "set state_timeout to 0.25 s" in why.remedy
-    last = answers[-1]
     if scheme is clik:
         np.testing.assert_array_equal(last.q, HOME)
     else:  # there is no loop that could hold it at 8 Hz
@@ -422,31 +393,3 @@ def test_lateness_that_grows_by_congestion_is_refused_for_as_long_as_it_grows(gr
     refused = lateness(lambda t: t - growth * max(0.0, t - 10), seconds=60)
     from_then_on = [k / 100 for k in range(round(100 * (10.5 + 0.03 / (growth - 0.002))), 6000)]
     assert set(from_then_on) <= set(np.round(refused, 2))
-
-
-@pytest.mark.parametrize("between", ["a repeated stamp", "a leap of the arm"])
-def test_after_a_clock_was_set_back_a_bad_state_does_not_make_the_next_ones_late(between):
-    admission, still = Admission(UR5, 0.1, 0.03, True, HOME), np.zeros(6)
-
-    def put(stamp, now, q=HOME):
-        """Return whether the state is taken for one of now."""
-        at = Instant(stamp, now)
-        try:
-            state = admission.admit(at, q, still, None, math.inf, False)
-        except InvalidMessageError:
-            return False
-        if not state.code & AGAIN:
-            admission.take(at)
-        return True
-
-    period = 4 * MS
-    for k in range(50):
-        assert put(T_0 + k * period, 100.0 + 4e-3 * k)
-    last, now = T_0 + 49 * period, 100.2
-    behind = [(last - 60 * MS + k * period, HOME) for k in range(4)]  # it is set back
-    bad = (last, HOME) if between == "a repeated stamp" else (last + MS, HOME + 2.0)
-    disordered = [(last - 30 * MS, HOME), (last - 40 * MS, HOME)]
-    for k, (stamp, q) in enumerate([*behind, bad, *disordered]):
-        put(stamp, now + 4e-3 * k, q)
-    now += 4e-3 * 7 + 0.06
-    assert all(put(last + MS + k * period, now + 4e-3 * k) for k in range(1, 20))

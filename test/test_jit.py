@@ -5,37 +5,22 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numba.core.event
 import numpy as np
 import pytest
-from plain_run import all_commands
 from tolerances import assert_close
 
 from eulerparams_control.laws.jit import cache_folder
 
 
-class Compilations(numba.core.event.Listener):
-    """Counts what numba compiles."""
-
-    count = 0
-
-    def on_start(self, event):
-        self.count += 1
-
-    def on_end(self, event):
-        """Nothing is counted at the end."""
-
-
 def test_schemes_command_the_same_where_nothing_is_compiled_and_compile_nothing(tmp_path):
-    script, file = Path(__file__).with_name("plain_run.py"), tmp_path / "commands.npz"
-    environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
-    subprocess.run([sys.executable, script, file], env=environment, check=True)
-    compilations = Compilations()
-    with numba.core.event.install_listener("numba:compile", compilations):
-        compiled = all_commands()
-    assert compilations.count == 0
-    plain = np.load(file)
-    assert set(plain.files) == compiled.keys()
+    def run(name, **environment):
+        script, file = Path(__file__).with_name("plain_run.py"), tmp_path / f"{name}.npz"
+        subprocess.run([sys.executable, script, file], env=os.environ | environment, check=True)
+        return dict(np.load(file))
+
+    plain, compiled = run("plain", NUMBA_DISABLE_JIT="1"), run("compiled")
+    assert compiled.pop("compilations") == plain.pop("compilations") == 0
+    assert plain.keys() == compiled.keys()
     for name, commands in compiled.items():
         scale = np.abs(commands).max()
         assert_close(plain[name] / scale, commands / scale, 1e-12)

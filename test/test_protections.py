@@ -5,21 +5,18 @@ What other files test is not tested again; the page names all tests.
 
 import math
 import signal
-from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, TwistStamped
-from in_process import World, each_once
+from in_process import each_once
 from ros_processes import (
     FRAMES,
     HOME,
     MODEL,
     UR5,
     Arm,
-    Array,
     Controlled,
     TorqueArm,
     assert_holds,
@@ -28,7 +25,6 @@ from ros_processes import (
     reference,
     values,
 )
-from samples import rodrigues
 from sensor_msgs.msg import JointState
 from tolerances import LAW_IN_A_NODE, SIMULATED_POSE
 from trajectory_msgs.msg import MultiDOFJointTrajectory
@@ -58,7 +54,7 @@ shared = each_once(lambda name: {**FRAMES, **PAIRED.get(name, {}), "state_rate":
 
 
 @pytest.fixture(params=ALL)
-def node(request: pytest.FixtureRequest, shared: Any) -> Iterator[Controlled]:
+def node(request, shared):
     """A controller that is shared, active and holding the home position."""
     controlled = shared(request.param)
     start_at(controlled, HOME)
@@ -66,7 +62,7 @@ def node(request: pytest.FixtureRequest, shared: Any) -> Iterator[Controlled]:
     controlled.restore()
 
 
-def start_at(node: Controlled, q: Array) -> None:
+def start_at(node, q):
     """Let the arm stand at q (n,), held there, with no fault."""
     node.arm.start_afresh(q)
     p, R = pose(q)
@@ -75,18 +71,10 @@ def start_at(node: Controlled, q: Array) -> None:
     node.arm.start_afresh(q)
 
 
-def upwards(q: Array, dz: float = 0.1) -> Any:
+def upwards(q, dz=0.1):
     """Return a motion of a second that lifts the tip from where it is at q (n,) by dz [m]."""
     p, R = pose(q)
     return reference(DesiredFrame(p + [0.0, 0.0, dz], R), times=(1.0,))
-
-
-def send(node: Controlled, q: Array, dq: Array, dt: float = DT) -> None:
-    """Send the state q, dq (n,) that comes dt [s] after the last, and wait for nothing."""
-    arm = node.arm
-    arm.t += round(dt * 1e9)
-    arm.q, arm.dq = q, dq
-    arm.send(arm.message())
 
 
 # --- states that cannot be believed ----------------------------------------------------------
@@ -117,24 +105,6 @@ def test_a_silence_of_joint_states_is_told_and_then_the_arm_held_where_it_is(
     status = node.status(lambda s: f"holding the measured pose, {cause}" in s.message)
     assert status.level == b"\x01"
     assert values(status)["remedy"] == "send the reference again"
-
-
-@pytest.mark.parametrize("executable", ALL)
-def test_a_state_that_comes_later_than_the_best_by_max_latency_is_dropped_and_counted(
-    world, executable
-):
-    timing = {"use_sim_time": False, "max_latency": 0.2, "state_timeout": 60.0}
-    node = Controlled(world, executable, FRAMES | timing)
-    arm = node.arm
-    arm.ticks(50)
-    arm.t += MS
-    late = arm.message()
-    world.advance(0.4)
-    arm.send(late)
-    assert arm.commands == []
-    assert "later than the best one, more than max_latency 0.2 s" in node.process.log
-    arm.tick(dt=0.4)  # in time again
-    assert node.peer.counter(node.name, "joint_states rejected", 1) == 1
 
 
 # --- references ------------------------------------------------------------------------------
@@ -179,65 +149,61 @@ def test_set_points_that_stop_are_a_warning_with_what_to_do_and_the_arm_comes_to
 
 
 # --- what slows a motion down ----------------------------------------------------------------
-def watch(node: Controlled, motion: Any, count: int, dt: float) -> list[dict[str, str]]:
-    """Follow a motion for ``count`` ticks of dt [s]; return what /diagnostics said meanwhile.
+def watch(node, q, count, seconds=0.5):
+    """Go to where the joints are at q (n,); return what /diagnostics said meanwhile, and the paces.
 
     Assert that no joint is faster, and no effort larger, than the limits allow.
     """
     heard = node.peer.listen(DiagnosticArray, "/diagnostics")
-    node.references.publish(motion)
-    for _ in range(count):
-        command = node.arm.tick(dt=dt)
+    node.references.publish(reference(DesiredFrame(*pose(q)), times=(seconds,)))
+    for command in (node.arm.tick(dt=0.004) for _ in range(count)):
         assert (np.abs(node.arm.dq) <= MODEL.limits.velocity * (1 + SPEED_LIMIT)).all()
         assert (np.abs(command.effort) <= MODEL.limits.effort[: len(command.effort)]).all()
     node.peer.status(node.name)
     own = [s for msg in heard for s in msg.status if s.name == node.name]
-    return [values(s) | {"message": s.message} for s in own]
+    told = [values(s) | {"message": s.message} for s in own]
+    return told, [float(each["pace"]) for each in told if "pace" in each]
+
+
+def says(told, *words):
+    return all(any(each in one["message"] for one in told) for each in words)
 
 
 def test_a_kinematic_singularity_slows_the_motion_down_and_diagnostics_tell_where_it_is(node):
     q_0, q_1 = HOME.copy(), HOME.copy()
     q_0[4], q_1[4] = -0.15, 0.15  # the singularity of the wrist is halfway
     start_at(node, q_0)
-    goal = DesiredFrame(*pose(q_1))
-    told = watch(node, reference(goal, times=(0.5,)), count=700, dt=0.004)
+    told, paces = watch(node, q_1, count=700)
     codes = {each["kinematic singularity"] for each in told if "kinematic singularity" in each}
     assert codes == {"clear", "approaching", "inside", "leaving"}
-    messages = [each["message"] for each in told]
-    for code in ("approaching", "inside", "leaving"):
-        words = f"following a reference; slowed down, {code} a kinematic singularity"
-        assert any(words in message for message in messages)
+    words = "following a reference; slowed down, {} a kinematic singularity"
+    assert says(told, *map(words.format, ("approaching", "inside", "leaving")))
     assert "damped" in {each.get("inverse of J") for each in told}
-    paces = [float(each["pace"]) for each in told if "pace" in each]
     assert LEAST <= min(paces) < 0.8
-    assert np.linalg.norm(pose(node.arm.q)[0] - goal.p_d) < SIMULATED_POSE
-    assert not any("holding still" in message for message in messages)
+    assert np.linalg.norm(pose(node.arm.q)[0] - pose(q_1)[0]) < SIMULATED_POSE
+    assert not says(told, "holding still")
 
 
 def test_a_joint_limit_slows_the_motion_down_and_diagnostics_tell_which_joint(node):
-    limit, q = MODEL.limits.upper[5], HOME.copy()
-    q[5] = limit - 0.3
+    limit, last = MODEL.limits.upper[5], np.eye(6)[5]
+    q = HOME + (limit - 0.3 - HOME[5]) * last
     start_at(node, q)
-    p, R = pose(q)
-    goal = reference(DesiredFrame(p, R @ rodrigues(0.295, np.array([0.0, 0.0, 1.0]))), times=(0.5,))
-    told = watch(node, goal, count=300, dt=0.004)
-    messages = [each["message"] for each in told]
-    for code in ("approaching", "inside"):
-        assert any(f"slowed down, {code} the limit of wrist_3_joint" in m for m in messages)
+    told, paces = watch(node, q + 0.295 * last, count=300)
+    words = "slowed down, {} the limit of wrist_3_joint"
+    assert says(told, *map(words.format, ("approaching", "inside")))
     assert {"approaching", "inside"} <= {each.get("limit of a joint") for each in told}
-    assert min(float(each["pace"]) for each in told if "pace" in each) < 1.0
-    assert node.arm.q[5] <= limit
-    assert node.arm.q[5] > limit - 0.01
-    back = watch(node, reference(DesiredFrame(p, R), times=(0.5,)), count=100, dt=0.004)
-    assert any("leaving the limit of wrist_3_joint" in each["message"] for each in back)
+    assert min(paces) < 1.0
+    assert limit - 0.01 < node.arm.q[5] <= limit
+    assert says(watch(node, q, count=100)[0], "leaving the limit of wrist_3_joint")
 
 
 # --- what is said, and what leaves -----------------------------------------------------------
 def test_diagnostics_tell_since_when_what_to_do_and_the_last_fault(node):
     arm = node.arm
 
-    def send_one() -> None:
-        send(node, arm.q + 1e-5, 0 * arm.q, dt=0.0)
+    def send_one():
+        arm.q, arm.dq = arm.q + 1e-5, 0 * arm.q  # under the same stamp
+        arm.send(arm.message())
 
     status = node.peer.status(node.name, lambda s: "stamp stays at" in s.message, send_one)
     told = values(status)
@@ -278,7 +244,7 @@ def test_a_signal_ends_each_other_node_by_its_own_handler(graph, executable, rea
 def test_a_defect_in_what_diagnostics_shows_is_said_and_ends_nothing(world):
     node = Controlled(world, "clik", FRAMES)
 
-    def gather() -> None:
+    def gather():
         raise ZeroDivisionError("planted")
 
     node.process.node._health.gather = gather
@@ -299,7 +265,7 @@ DRIFT = 0.01
 class Moving(Controlled):
     """A controller whose arm moves at 0.2 m/s or more, and what it publishes."""
 
-    def __init__(self, world: World, executable: str) -> None:
+    def __init__(self, world, executable):
         super().__init__(world, executable, FRAMES)
         self.statuses = self.peer.listen(DiagnosticStatus, f"/{executable}/status", latched=True)
         self.sent = self.peer.listen(JointState, f"/{self.arm.topic}")
@@ -310,15 +276,15 @@ class Moving(Controlled):
         self.sent.clear()
         assert np.linalg.norm(self.speed()) > 0.15
 
-    def speed(self) -> Array:
+    def speed(self):
         a, b = (pose(self.arm.q + dt * self.arm.dq)[0] for dt in (0.0, 1e-6))
         return (b - a) / 1e-6
 
     @property
-    def told(self) -> dict[str, str]:
+    def told(self):
         return values(self.statuses[-1])
 
-    def brakes(self, is_over: Callable[[], Any]) -> float:
+    def brakes(self, is_over):
         """Tick until the arm was let alone; return how far [m] the tip went."""
         start = pose(self.arm.q)[0]
         self.sent.clear()
@@ -335,29 +301,33 @@ class Moving(Controlled):
         return float(np.linalg.norm(pose(self.arm.q)[0] - start))
 
 
-def ends_by(node: Moving, *transitions: str) -> Callable[[], bool]:
-    """Make transitions while the arm moves; return what tells that the arm was let alone."""
-    for transition in transitions:
-        assert node.peer.change_state(node.name, transition)
-    return lambda: node.told["mode"] in ("inactive", "finalized")
-
-
 @pytest.mark.parametrize(
-    ("executable", "transitions", "state"),
+    ("executable", "acts", "state"),
     [
-        ("clik", ("deactivate",), "inactive"),
-        ("clik", ("deactivate", "cleanup", "unconfigured_shutdown"), "finalized"),
-        ("dynamic_control", ("deactivate",), "inactive"),
-        ("dynamic_control", ("active_shutdown",), "finalized"),
-        ("impedance_control", ("deactivate", "cleanup"), "unconfigured"),
+        ("clik", "deactivate", "inactive"),
+        ("clik", "deactivate cleanup unconfigured_shutdown", "finalized"),
+        ("dynamic_control", "deactivate", "inactive"),
+        ("dynamic_control", "active_shutdown", "finalized"),
+        ("impedance_control", "deactivate cleanup", "unconfigured"),
+        ("clik", "signal", "active"),
+        ("clik", "deactivate signal", "inactive"),
+        ("dynamic_control", "signal", "active"),
+        ("dynamic_control", "deactivate cleanup signal", "unconfigured"),
     ],
 )
-def test_a_transition_that_ends_control_lets_the_arm_be_braked_after_it_has_returned(
-    world, executable, transitions, state
+def test_however_control_ends_the_arm_is_braked_after_it_has_returned(
+    world, executable, acts, state
 ):
     node = Moving(world, executable)
-    is_over = ends_by(node, *transitions)
-    assert node.peer.lifecycle_state(node.name) == state
+    at_rest, is_signal = node.process.node.at_rest, acts.endswith("signal")
+    for transition in acts.removesuffix("signal").split():
+        assert node.peer.change_state(executable, transition)
+
+    def is_over():
+        is_let_alone = node.told["mode"] in ("inactive", "finalized")
+        return world.act(at_rest) if is_signal else is_let_alone
+
+    assert node.peer.lifecycle_state(executable) == state
     assert not is_over()
     assert node.brakes(is_over) < STOPPING_DISTANCE
     told = [values(status) for status in node.statuses]
@@ -367,12 +337,15 @@ def test_a_transition_that_ends_control_lets_the_arm_be_braked_after_it_has_retu
         for _ in range(500):
             node.arm._pass(0.001, None)
         assert np.linalg.norm(pose(node.arm.q)[0] - rest) < DRIFT
+    if is_signal:
+        assert node.process.stop() == 0
+        return
     if state == "unconfigured":
-        assert node.peer.change_state(node.name, "configure")
+        assert node.peer.change_state(executable, "configure")
     if state != "finalized":
         node.arm.dq = np.zeros(6)
         node.arm.send_next(20)
-        assert node.peer.change_state(node.name, "activate")
+        assert node.peer.change_state(executable, "activate")
 
 
 def test_a_status_is_published_once_however_often_another_joint_is_nearest_to_its_limit(world):
@@ -399,7 +372,7 @@ def test_an_arm_whose_states_wait_for_their_references_is_braked_too_where_none_
     references = world.peer.publisher(MultiDOFJointTrajectory, "/reference")
     statuses = world.peer.listen(DiagnosticStatus, f"/{executable}/status", latched=True)
 
-    def send(dt: float) -> None:
+    def send(dt):
         arm.t += round(dt * 1e9)
         world.advance(dt)
         arm.commands.clear()
@@ -431,18 +404,6 @@ def test_an_arm_whose_states_wait_for_their_references_is_braked_too_where_none_
     assert_may_stay(arm.commands[-1], arm, within=AT_REST)
 
 
-@pytest.mark.parametrize("before", [(), ("deactivate",), ("deactivate", "cleanup")])
-@pytest.mark.parametrize("executable", ["clik", "dynamic_control"])
-def test_a_signal_brings_the_arm_to_rest_also_one_that_is_being_deactivated(
-    world, executable, before
-):
-    node = Moving(world, executable)
-    ends_by(node, *before)
-    assert not node.process.node.at_rest()
-    assert node.brakes(lambda: world.act(node.process.node.at_rest)) < STOPPING_DISTANCE
-    assert node.process.stop() == 0
-
-
 def test_while_it_is_braked_an_arm_is_neither_led_nor_resumed_nor_taken_anew(world):
     node = Moving(world, "clik")
     assert node.peer.change_state("clik", "deactivate")
@@ -456,25 +417,24 @@ def test_while_it_is_braked_an_arm_is_neither_led_nor_resumed_nor_taken_anew(wor
 
 
 @pytest.mark.parametrize("executable", ["clik", "dynamic_control"])
-def test_an_arm_that_does_not_come_to_rest_is_let_alone_in_the_end(world, executable):
+def test_an_arm_that_does_not_come_to_rest_or_tells_nothing_any_more_is_let_alone(
+    world, executable
+):
     node = Moving(world, executable)
     assert node.peer.change_state(executable, "deactivate")
     start = world.now
     while node.told["mode"] != "inactive":
-        node.arm.t += 1_000_000
+        node.arm.t += MS
         node.arm.send(node.arm.message())  # it goes on as it did, whatever it is told
         world.advance(0.01)
         assert world.now < start + LONGEST + 0.6
     assert world.now > start + LONGEST + 0.3  # twice v / a more
     if executable == "dynamic_control":  # its brakes have to act, not an effort of a moment ago
         assert_may_stay(node.sent[-1], node.arm)
-
-
-@pytest.mark.parametrize("executable", ["clik", "dynamic_control"])
-def test_an_arm_that_tells_nothing_any_more_is_let_alone_at_once(world, executable):
+    node.process.kill()
     node = Moving(world, executable)
     assert node.peer.change_state(executable, "deactivate")
-    world.advance(0.5)
+    world.advance(0.5)  # nothing comes
     assert node.told["mode"] == "inactive"
     assert node.sent == []
 
@@ -505,10 +465,10 @@ def test_a_defect_outside_the_law_ends_the_node_with_the_arm_at_rest_and_one_lin
 def test_an_arm_that_is_halted_says_so_and_is_resumed_when_it_is_at_rest(world, executable):
     node = Moving(world, executable)
 
-    def ask(service: str) -> str:
+    def ask(service):
         """Return why a service refuses."""
         response = node.peer.trigger(f"/{executable}/{service}")
-        return "" if response.success else str(response.message)
+        return "" if response.success else response.message
 
     assert ask("halt") == ""
     assert "ask when it is at rest" in ask("resume")
@@ -539,7 +499,7 @@ def test_that_limits_change_most_commands_is_said(world):
     p, R = pose(HOME)
     sides = [0.04, -0.04]
 
-    def hurries() -> bool:
+    def hurries():
         sides.reverse()
         node.references.publish(reference(DesiredFrame(p + [0.0, sides[0], 0.0], R), times=(0.5,)))
         node.arm.ticks(60)

@@ -182,7 +182,7 @@ def test_an_arm_that_ran_away_gets_no_efforts_until_it_is_resumed(law):
     leaning = Leaning(law, "ur5")
     leaning.run(0.1)
     leaning.plant.dq = 2.0 * leaning.plant.robot.limits.velocity
-    leaning.plant.step(leaning.tau, leaning.force, leaning.dt)
+    leaning.plant.push(leaning.tau, leaning.force, leaning.dt)
     leaning.tick()
     assert leaning.controller.why.cause is Cause.RUNAWAY
     assert leaning.run(2.0, until=lambda: leaning.mode is Mode.STOPPED)

@@ -1,8 +1,6 @@
 """The simulated robot is as unforgiving as a real one, where it is told to be."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -34,19 +32,13 @@ DT = 1e-3  # [s] of a step
 # Of the motors of PyBullet, which leave 5e-8 rad/s in a step.
 MOTORS = 1e-3
 
+
 # --- the acceleration that commands ask for --------------------------------------------------
-Asked = tuple[int, float, float, float]
-"""Stamp [ns], when it came [s], position [rad] and speed [rad/s] of a joint."""
+# Commands are their stamp [ns], when they came [s], position [rad] and speed [rad/s] of a joint.
+def swing(stamps, *, late=0.0, speeds=True, turn=False):
+    """Return commands that swing a joint with 0.95 of the limit, stamped so [ms], ``late`` [s].
 
-
-def swing(stamps: Any, *, late: Any = 0.0, speeds: bool = True, turn: bool = False) -> list[Asked]:
-    """Return commands that swing a joint with 0.95 of the limit, stamped so [ms].
-
-    Args:
-        stamps: [ms] after the beginning.
-        late: how much later each comes [s].
-        speeds: whether the speeds are sent, too.
-        turn: whether its positions are wrapped.
+    Its speeds may be missing, its positions wrapped.
     """
     t, w = np.asarray(stamps) / 1e3, 2.0
     q = 0.95 * LIMIT / w**2 * (1.0 - np.cos(w * t))
@@ -56,7 +48,7 @@ def swing(stamps: Any, *, late: Any = 0.0, speeds: bool = True, turn: bool = Fal
     return [(int(s), *map(float, rest)) for s, *rest in found]
 
 
-def spoilt(k: int, *, since: int = 0, **by: float) -> list[Asked]:
+def spoilt(k, *, since=0, **by):
     """Return a swing whose commands from ``k`` on are off by so much."""
     changes = [by.get(name, 0.0) for name in ("stamp", "now", "q", "dq")]
     asked = swing(range(400))
@@ -72,7 +64,7 @@ A_GAP = [k for k in range(900) if not 700 <= k < 750]
 # Positions go on as if there had been no gap.
 LEFT_OUT = [(s + 19 * MS * (k > 100), t, q, dq) for k, (s, t, q, dq) in enumerate(swing(EVERY))]
 
-SMOOTH: dict[str, list[Asked]] = {
+SMOOTH = {
     "at each state": swing(EVERY),
     "at 20 Hz": swing(range(0, 3000, 50)),
     "positions only": swing(EVERY, speeds=False),
@@ -91,7 +83,7 @@ SMOOTH: dict[str, list[Asked]] = {
     "what was missed is left out": LEFT_OUT,
 }  # fmt: skip
 
-SUDDEN: dict[str, list[Asked]] = {
+SUDDEN = {
     "a step of 1 mrad": spoilt(200, q=1e-3),
     "a step of speed alone": spoilt(200, dq=0.05),
     "it begins with a speed": spoilt(200, since=200, q=-swing([200])[0][2]),
@@ -106,7 +98,7 @@ SUDDEN: dict[str, list[Asked]] = {
 }  # fmt: skip
 
 
-def judged(asked: list[Asked], *, turning: bool = True) -> str:
+def judged(asked, *, turning=True):
     """Return what is found of commands to a joint of an arm that stands at 0."""
     one = np.array([LIMIT])
     watch = CommandAcceleration(["a"], one, np.array([turning]), [False], DT)
@@ -141,32 +133,32 @@ def test_a_step_is_found_from_the_limit_on_and_each_joint_has_its_own():
 class Bench(test_drive.Bench):
     """A drive and a controller at each step of 1 ms."""
 
-    def __init__(self, robot: Any = UR5, policy: Any = None, **parameters: Any) -> None:
+    def __init__(self, robot=UR5, policy=None, **parameters):
         usual = {"rate": 1000.0, "servo_bandwidth": SimulatorParameters.servo_bandwidth}
         super().__init__(DrivePolicy(**policy or {}), robot, **(usual | parameters))
 
     @property
-    def status(self) -> tuple[DriveMode, DriveCause]:
+    def status(self):
         return self.drive.status.mode, self.drive.status.cause
 
     @property
-    def q(self) -> Any:
+    def q(self):
         return self.state.q
 
-    def send(self, **fields: Any) -> DriveReply:
+    def send(self, **fields):
         given = {name: list(map(float, values)) for name, values in fields.items()}
         return super().send(round(self.now * 1e9) + MS, **given)
 
-    def steps(self, count: int, command: Callable[[], dict[str, Any]] | None = None) -> None:
+    def steps(self, count, command=None):
         self.step(count * DT, (lambda: self.send(**command())) if command else (lambda: None))
 
 
 @pytest.fixture
-def bench(closing: Any) -> Callable[..., Bench]:
+def bench(closing):
     return lambda *args, **keywords: closing(Bench(*args, **keywords))
 
 
-def beside(by: float, joint: int = 0) -> Any:
+def beside(by, joint=0):
     """Return home, one joint off by so much [rad]."""
     return HOME + by * (np.arange(6) == joint)
 
@@ -195,7 +187,7 @@ def test_a_moving_robot_is_not_unlocked(bench):
     it = bench(policy=SUDDENLY)
     speeds = iter(0.9 * LIMIT * DT * np.arange(1, 101))
 
-    def faster() -> dict[str, Any]:
+    def faster():
         speed = next(speeds)
         return {"position": it.q + DT * speed, "velocity": [speed] * 6}
 
@@ -208,16 +200,16 @@ def test_a_moving_robot_is_not_unlocked(bench):
 
 
 def test_without_a_limit_for_efforts_or_replaced_in_its_step_no_command_is_sudden(bench):
-    free, pushed = bench(), bench(policy=SUDDENLY, control="torque")
-    free.steps(20, lambda: at(HOME))
-    free.steps(1, lambda: at(beside(0.05)))
-    pushed.steps(20, lambda: {"effort": [0.0] * 6})
-    pushed.steps(1, lambda: {"effort": [20.0] * 6})
-    replaced = bench(policy=SUDDENLY)
-    replaced.steps(20, lambda: at(HOME))
-    replaced.send(**at(beside(0.05)))
-    replaced.steps(1, lambda: at(HOME))
-    for it in (free, pushed, replaced):
+    none, some = {"effort": [0.0] * 6}, {"effort": [20.0] * 6}
+    torque = {"policy": SUDDENLY, "control": "torque"}
+    for it, before, sudden, after in (
+        (bench(), at(HOME), at(beside(0.05)), at(beside(0.05))),
+        (bench(**torque), none, some, some),
+        (bench(policy=SUDDENLY), at(HOME), at(beside(0.05)), at(HOME)),  # replaced
+    ):
+        it.steps(20, lambda now=before: now)
+        it.send(**sudden)
+        it.steps(1, lambda now=after: now)
         assert it.status == (DriveMode.OBEYING, DriveCause.NONE)
 
 
@@ -257,7 +249,7 @@ def test_the_servo_lags_behind_positions_by_a_first_order(bench, lag):
     it.steps(600, lambda: at(beside(0.01)))
     start, speed = it.now, 0.1
 
-    def ramp() -> dict[str, Any]:
+    def ramp():
         return {"position": beside(0.01 + speed * (it.now + DT - start)), "velocity": [speed] * 6}
 
     it.steps(400, ramp)
@@ -295,8 +287,8 @@ def test_a_servo_reports_the_effort_that_its_rotors_take():
     found = []
     for rotors in ((), ROTORS):
         sim = Simulator(UR5, SimulatorParameters(rotor_inertia=rotors))
-        for k in range(1, 50):
-            sim.command_position(HOME + 0.5 * 2.0 * (k * DT) ** 2, np.full(6, 2.0 * k * DT))
+        for t in DT * np.arange(1, 50):
+            sim.command_position(HOME + t**2, np.full(6, 2.0 * t))
             sim.step()
         found.append(sim.read().tau)
         sim.close()
