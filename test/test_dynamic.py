@@ -445,6 +445,14 @@ def test_the_posture_is_the_same_by_any_turn(make):
     assert_close(values[1:], [values[0]] * 2, 1e-9)
 
 
+def test_a_restart_goes_on_by_the_turn_commanded():
+    robot, q = turning()
+    scheme = clik(limited=True, robot=robot, q=q + TURN)
+    scheme.resume(q + 0.01)  # wrapped by its driver
+    q_c = scheme.tick(DT, q, np.zeros(7), scheme.start_frame()).command.q
+    assert_close(q_c, q + TURN + 0.01, ALGEBRAIC)
+
+
 # --- bad input -----------------------------------------------------------------------------
 @pytest.mark.parametrize("value", [-0.1, math.nan, math.inf])
 @pytest.mark.parametrize("name", ["viscous", "coulomb"])

@@ -298,6 +298,15 @@ def test_a_stream_of_which_none_begins_is_told():
         shaper.sample(t)
 
 
+def test_an_orientation_stream_passes_tool_down_at_an_even_rate():
+    axis, pole = np.array([0.6, -0.64, 0.48]), about(0, math.pi)
+    frames = [DesiredFrame(HERE.p_d, pole @ exp((0.02 * k - 0.6) * axis)) for k in range(60)]
+    events = [(0.1 + k / 20, sent(Goal(frame))) for k, frame in enumerate(frames)]
+    motion = follow(events, 4.5, held=frames[0])
+    assert_within(motion)
+    assert_even(motion.w, 0.4, begin=RATE)
+
+
 # --- twists -------------------------------------------------------------------------------
 def test_a_twist_is_attained_and_ends_smoothly_when_none_follows():
     twist = np.array([0.1, 0.0, 0.05, 0.0, 0.4, 0.0])
