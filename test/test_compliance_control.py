@@ -4,6 +4,7 @@ The properties run over the registry of representations.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from arms import HOME, STILL, UR5, Plant, pose_of, robot_named
 from geometry_msgs.msg import WrenchStamped
 from representations import every_representation, make
 from ros_processes import Controlled, pose, values, wrench_stamped
-from samples import about, positive_definite, turn_of, uniform, unit_vectors
+from samples import about, generator, positive_definite, turn_of, uniform, unit_vectors
 from sensor_msgs.msg import JointState
 from simulated import Simulated, frames_of
 from tolerances import (
@@ -178,6 +179,42 @@ def test_an_arm_that_is_as_fast_as_it_may_be_is_not_drawn_further():
     assert max(pulls[4:]) < 1e-9  # the springs are not felt
 
 
+def test_clips_that_are_lowered_and_return_make_no_energy_around_any_closed_path():
+    robot, home = robot_named("panda")
+    parameters = from_mapping(ComplianceParameters, frames_of("panda") | SLOW_EFFORTS)
+    scheme, start = parameters.make_scheme(robot), pose_of(robot, home)
+    t = np.linspace(0.0, 2 * math.pi, 1500)
+    for k in range(4):
+        c = generator(9, k).normal(size=(2, 7))
+        path = home + 0.3 * (c[0] * np.sin(t)[:, None] + c[1] * (np.cos(t)[:, None] - 1.0))
+        scheme.reset(home)
+        lowered, work, last = [], 0.0, None
+        for q in path:
+            tick = scheme.tick(1e-3, q, 0 * q, start)
+            state, effects = tick.state, tick.effects
+            w = np.array([*effects.f, *effects.mu])
+            if last is not None:
+                moved = [*(state.p_e - last[0].p_e), *turn_of(state.R_e @ last[0].R_e.T)]
+                work += (w + last[1]) / 2 @ moved
+            last = state, w
+            lowered.append(effects.lowered)
+        assert max(lowered) > 0.5
+        assert lowered[-1] == 0.0  # they have returned
+        assert work < -0.05  # and did not give back what lowering them took
+
+
+@pytest.mark.parametrize(
+    ("name", "rate", "stiffness"),
+    [("ur5", 1000.0, 0.0), ("panda", 1000.0, 100.0), ("kuka_iiwa", 200.0, 4000.0)],
+)
+def test_an_arm_that_is_let_go_while_its_springs_change_keeps_to_its_speeds(name, rate, stiffness):
+    run = Blocked(name, rate, 2.0).go(2.0)
+    run.scheme.change(replace(run.parameters, K_p=(1000.0, stiffness, 1000.0)))
+    run.go(2.0)
+    assert not run.controller.fault
+    assert (np.max(run.speeds, axis=0) < run.most).all()
+
+
 def test_what_the_arm_loses_is_what_the_dampers_take():
     scheme, plant, dt = control(damping_ratio_p=0.3, damping_ratio_o=0.3), Plant(), 1e-4
     home = pose_of(UR5, HOME)
@@ -246,6 +283,16 @@ def test_a_blocked_arm_pushes_and_then_follows_without_a_stop_or_a_lunge(name, r
     tick = run.controller.guidance.tick_now
     assert_close(tick.state.p_e, run.end.p_d, FORCE_IN_CONTACT)
     assert_close(turn_of(tick.state.R_e.T @ run.end.R_d), np.zeros(3), FORCE_IN_CONTACT)
+    assert (np.max(run.speeds, axis=0) < run.most).all()
+
+
+def test_a_blocked_arm_pushes_no_more_while_its_motion_goes_on_and_can_be_called_back():
+    run = Blocked("ur5", 200.0, 100.0).go(1.5)
+    assert max(run.forces) < 1.1 * 50.0  # the acceleration of the motion is besides
+    run.controller.aim(run.start)
+    run.go(0.7)
+    assert_close(run.y, 0.0, 0.005)
+    assert not run.controller.fault
     assert (np.max(run.speeds, axis=0) < run.most).all()
 
 

@@ -1,6 +1,7 @@
 """A force of the tool on the environment, FC1-FC5: regulated, followed, lost, ended, refused.
 
-The arm is PyBullet's, and presses along z of its tool.
+The arm is PyBullet's, and presses along z of its tool; where the servo of the arm is late it is
+that of ``test_contact_watch``.
 """
 
 import math
@@ -10,6 +11,7 @@ import pytest
 from arms import pose_of, robot_named
 from samples import positive_definite, uniform
 from simulated import Simulated, frames_of
+from test_contact_watch import LOOPS, START, Admittance, wall
 from tolerances import ALGEBRAIC, assert_close
 
 from eulerparams_control.control.mode import Cause, Mode, Why
@@ -124,6 +126,36 @@ def test_while_no_wrench_is_measured_the_tool_rests_and_then_goes_on():
     assert arm.x[-1] == pytest.approx(x, abs=1e-3)
     arm.press(1.0)
     assert arm.f[-1] == pytest.approx(FORCE, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("loop", "stiffness", "seconds", "dampings", "ripple"),
+    [
+        *((loop, 2e4, 3.0, [], 0.1) for loop in sorted(LOOPS.keys() - {"sensor 30 ms late"})),
+        ("sensor 30 ms late", 2e4, 6.0, [3.0], 2.0),  # that is a lower bandwidth of the force
+        ("sensor 30 ms late", 1e5, 6.0, [3.0, 9.0], 0.1),
+    ],
+)
+def test_a_servo_that_is_late_presses_too(loop, stiffness, seconds, dampings, ripple):
+    arm = Admittance(*LOOPS[loop], n=START.R_d[:, 2])
+    for _ in range(round(1000 * seconds)):
+        if arm.t > 0.05:
+            arm.scheme.press(np.array([0.0, 0.0, FORCE]))
+        arm.step(wall(stiffness))
+    assert arm.f[-1] == pytest.approx(-FORCE, rel=0.1 * ripple)
+    assert arm.ripple < ripple
+    assert [times for _, times in arm.found][: len(dampings) or None] == dampings
+
+
+def test_a_contact_that_begins_is_not_taken_for_noise():
+    """It is felt for 0.09 s before, from when the noise is hardly known; f rises by 150 N/s."""
+    arm = Pressing(rate=500, gap=0.0005, stiffness=1e4, stiffest_contact=1e4)
+    for _ in range(200):
+        arm.press(0.002)
+        if arm.scheme.force.stiffness[2] > 0:
+            break
+    assert arm.scheme.force.stiffness[2] > 0
+    assert 0 < arm.f[-1] < 2.0
 
 
 @pytest.mark.parametrize("f_d", [FORCE, -FORCE])
