@@ -6,9 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pinocchio as pin
-from samples import Array, rodrigues, turn_of, unit_vectors
+from samples import Array, generator, rodrigues, turn_of, unit_vectors
 from tolerances import BEYOND_A_STEP, NO_JUMP
 
+from eulerparams_control.laws.inverse import sigma_min
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.parameters.clik import ClikParameters
 from eulerparams_control.parameters.dynamic_control import DynamicParameters
@@ -73,6 +74,17 @@ def displaced(distance=0.03, angle=0.4, key=0, robot=UR5, q=HOME):
     along, about_axis = unit_vectors(2, key=300 + key)
     home = pose_of(robot, q)
     return DesiredFrame(home.p_d + distance * along, rodrigues(angle, about_axis) @ home.R_d)
+
+
+def situations(robot=UR5, home=HOME, count=10):
+    """Return random q, dq near home, away from singularities, and frames that move near it."""
+    random, found = generator(310), []
+    while len(found) < count:
+        q, dq = home + 0.4 * random.uniform(-1, 1, robot.n), random.normal(size=robot.n)
+        if sigma_min(robot.state(q, dq).J, 1.0) > 0.1:
+            pose = displaced(key=len(found), robot=robot, q=home)[:2]
+            found.append((q, dq, DesiredFrame(*pose, *random.normal(size=(4, 3)))))
+    return found
 
 
 def assert_no_jump(frames, dt):

@@ -3,8 +3,9 @@
 import math
 from typing import NamedTuple
 
+import numpy as np
 import pytest
-from samples import Array, generator, rodrigues, uniform, unit_vectors, vectors
+from samples import Array, angle_rates, generator, rodrigues, uniform, unit_vectors, vectors
 from tolerances import POLE_CLEARANCE
 
 from eulerparams_control.laws.orientation import (
@@ -65,6 +66,30 @@ def moving(thetas, R_es) -> list[Motion]:
     count, axes = len(thetas), unit_vectors(len(thetas))
     velocities = (vectors(count, key) for key in range(3))
     return [Motion(*parts) for parts in zip(thetas, axes, R_es, *velocities, strict=True)]
+
+
+def relative_motion(a, b):
+    """Return R_a' R_b, x = R_a' (omega_b - omega_a) and dx; of frames R, omega, domega."""
+    (R_a, omega_a, domega_a), (R_b, omega_b, domega_b) = a, b
+    omega = omega_b - omega_a
+    return R_a.T @ R_b, R_a.T @ omega, R_a.T @ (domega_b - domega_a - np.cross(omega_a, omega))
+
+
+def relative_angles(sequence, a, b):
+    """Return the angles of R_a' R_b and their derivatives; of frames R, omega, domega."""
+    R_ab, x, dx = relative_motion(a, b)
+    phi = EulerSequence(sequence).extract(R_ab)
+    return phi, *angle_rates(sequence, phi, x, dx)
+
+
+def difference_of_angles(sequence, a, b):
+    """Return phi_b - phi_a and its derivatives; of frames R, omega, domega."""
+    both = []
+    for R, omega, domega in (a, b):
+        phi = EulerSequence(sequence).extract(R)
+        both.append((phi, *angle_rates(sequence, phi, omega, domega)))
+    phi, dphi, ddphi = (of_b - of_a for of_a, of_b in zip(*both, strict=True))
+    return np.angle(np.exp(1j * phi)), dphi, ddphi
 
 
 def regular_motions(law, count=40) -> list[Motion]:

@@ -16,17 +16,17 @@ from representations import (
     FUNCTIONS,
     OF_ANGLES,
     OF_THE_QUATERNION,
+    difference_of_angles,
     every_representation,
-    every_sequence,
     make,
     of_the_quaternion,
+    relative_angles,
+    relative_motion,
 )
 from samples import (
     K_STAR,
     T_of,
-    about,
     angle,
-    angle_rates,
     axial,
     by_angles,
     generator,
@@ -129,34 +129,21 @@ def printed_moment(name, theta, r, K):
     return 2 * psi * Omega.T @ K @ (f(theta) * r)
 
 
-def angles_of(sequence, R):
-    """Return the angles of a rotation; their extraction has tests of its own."""
-    return EulerSequence(sequence).extract(R)
-
-
-def relative_motion(d, c):
-    """Return R_cd, x = R_d' (omega_c - omega_d) and the derivative of these components."""
-    R = d.R_d
-    x = R.T @ (c.omega_d - d.omega_d)
-    in_base = c.domega_d - d.domega_d - np.cross(d.omega_d, c.omega_d - d.omega_d)
-    return R.T @ c.R_d, x, R.T @ in_base
+def rotating(frame):
+    return frame.R_d, frame.omega_d, frame.domega_d
 
 
 def residual_of_eq_55(Z, d, c, mu, sequence):
     """Return M_o Delta ddphi + D_o Delta dphi + K_o Delta phi - T'(phi_c) mu, at rest (56)."""
-    phi_d, phi_c = angles_of(sequence, d.R_d), angles_of(sequence, c.R_d)
-    dphi_d, ddphi_d = angle_rates(sequence, phi_d, d.omega_d, d.domega_d)
-    dphi_c, ddphi_c = angle_rates(sequence, phi_c, c.omega_d, c.domega_d)
-    phi_cd = np.angle(np.exp(1j * (phi_c - phi_d)))
-    left = Z.M @ (ddphi_c - ddphi_d) + Z.D @ (dphi_c - dphi_d) + Z.K @ phi_cd
-    return left - T_of(sequence, phi_c).T @ mu
+    phi, dphi, ddphi = difference_of_angles(sequence, rotating(d), rotating(c))
+    T = T_of(sequence, EulerSequence(sequence).extract(c.R_d))
+    return Z.M @ ddphi + Z.D @ dphi + Z.K @ phi - T.T @ mu
 
 
 def residual_of_relative_angles(Z, d, c, mu, sequence):
     """Return M ddphi + D dphi + K phi - T'(phi) mu^d, with T(0)' M_o T(0) for M and so on."""
-    R_cd, x, dx = relative_motion(d, c)
-    phi, T_0 = angles_of(sequence, R_cd), T_of(sequence, O)
-    dphi, ddphi = angle_rates(sequence, phi, x, dx)
+    phi, dphi, ddphi = relative_angles(sequence, rotating(d), rotating(c))
+    T_0 = T_of(sequence, O)
     left = T_0.T @ (Z.M @ T_0 @ ddphi + Z.D @ T_0 @ dphi + Z.K @ T_0 @ phi)
     return left - T_of(sequence, phi).T @ d.R_d.T @ mu
 
@@ -165,7 +152,7 @@ def residual_of_eq_59(name):
     """Return the function M_o dx + D_o x + mu_E - mu^d."""
 
     def residual(Z, d, c, mu, _):
-        R_cd, x, dx = relative_motion(d, c)
+        R_cd, x, dx = relative_motion(rotating(d), rotating(c))
         rho = turn_of(R_cd)
         theta = float(np.linalg.norm(rho))
         return Z.M @ dx + Z.D @ x + printed_moment(name, theta, rho / theta, Z.K) - d.R_d.T @ mu
@@ -275,21 +262,6 @@ def test_the_equations_hold_at_each_sample_and_its_rates_are_derivatives(name, s
         assert np.abs([x[-1] for x in rates]).min() > 1e-4  # all of them move
 
 
-@every_sequence
-def test_with_euler_angles_a_turn_of_the_base_about_the_first_axis_does_not_matter(sequence):
-    """Also where the first angle of the desired frame passes 180 deg, again and again."""
-    r, middle = I["XYZ".index(sequence[0])], 1.2 if sequence in PROPER else 0.4
-    own, paths = law("euler_angles", damped(1.0, STAR), sequence=sequence), []
-    for world in (I, turned(2.0 * r)):
-        R_0, push = world @ by_angles(sequence, 0.0, middle, 0.3), world @ [4.0, -3.0, 5.0]
-        compliant = CompliantFrame(own)
-        for t in times(1.0, 0.01):
-            c = compliant.step(0.01, at(turned(8.0 * t * r) @ R_0, O, O, 8.0 * r), wrench(mu=push))
-            paths.append(world.T @ c.R_d)
-    for R, R_other in zip(*np.split(np.array(paths), 2), strict=True):
-        assert angle(R, R_other) < tol.RELATIVE_MOTION
-
-
 # --- integration ---------------------------------------------------------------------------------
 @every_representation
 @pytest.mark.parametrize("slope", [0.0, 4.0], ids=["constant", "ramp"])
@@ -354,21 +326,11 @@ def test_an_impedance_that_is_too_fast_is_refused_with_the_mass_to_raise(name, w
 R_AWAY = by_angles("XYZ", 0.3, 0.4, 0.2)
 
 
-@pytest.mark.parametrize(
-    ("name", "where"), [(name, where) for name in ORIENTATIONS for where in (0, 3)]
-)
-def test_a_wrench_beyond_all_numbers_raises_and_no_frame_follows(name, where):
-    compliant, w = begun(law(name), at(R_AWAY), at(R_AWAY)), 1e308 * np.eye(6)[where]
+def test_a_wrench_beyond_all_numbers_raises():
+    compliant = begun(law(), at(R_AWAY), at(R_AWAY))
     with np.errstate(all="ignore"), pytest.raises(SingularityError, match="not finite"):
         for _ in range(20):
-            compliant.step(0.1, at(R_AWAY), w)
-
-
-@pytest.mark.parametrize("name", OF_ANGLES)
-def test_at_the_pole_of_the_angles_a_frame_that_turns_has_no_finite_state(name):
-    R_c = np.rint(about(1, RIGHT))
-    R_d = R_c if name == "euler_angles" else I
-    assert not np.abs(make(name).relative_state(R_d, O, R_c, np.ones(3))).max() <= tol.UNBOUNDED
+            compliant.step(0.1, at(R_AWAY), np.full(6, 1e308))
 
 
 # --- beginning, jumps, freezing, other laws -------------------------------------------------------
@@ -437,12 +399,8 @@ def test_another_law_goes_on_from_the_same_frame_and_velocities(k, apart):
     compliant.change(after)
     assert compliant.law is after
     here = compliant.step(0.0, desired_at(0.1), wrench_at(0.1))
-    again = begun(after, desired_at(0.1), last)  # as if it had begun there
-    expected = again.step(0.0, desired_at(0.1), wrench_at(0.1))
-    for of in ("p_d", "R_d", "dp_d", "omega_d"):
-        for found in (here, expected):
-            tol.assert_close(getattr(found, of), getattr(last, of), 1e2 * tol.ALGEBRAIC)
-    tol.assert_close((here.ddp_d, here.domega_d), (expected.ddp_d, expected.domega_d), 1e-8)
+    for found, expected in zip(here[:4], last[:4], strict=True):
+        tol.assert_close(found, expected, 1e2 * tol.ALGEBRAIC)
     compliant.change(before)
     compliant.change(after)
     later = [0.1 + k * dt for k in range(1, 7)]

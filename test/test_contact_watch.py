@@ -227,19 +227,6 @@ def test_the_energy_is_what_the_contact_was_given():
 
 
 # --- the bound of a late servo ------------------------------------------------------------------
-@pytest.mark.parametrize("loop", ["UR5e", "slow"])
-@pytest.mark.parametrize("D", [300.0, 3000.0])
-def test_a_contact_oscillates_from_the_stiffness_on_that_is_computed(loop, D):
-    lag, delay, _ = LOOPS[loop]
-    given = {"D_p": (D,) * 3, "max_ripple_force": 1e6, "max_contact_force": 1e6}
-    Z = ImpedanceParameters(**given).translation()
-    K_e = 2.0 * stiffest_contact(Z, lag, delay + DT)  # without the margin; a tick of the wrench
-    below, above = (
-        Admittance(*LOOPS[loop], **given).run(4.0, wall(part * K_e), 0.012, 0.01)
-        for part in (0.8, 1.5)
-    )
-    assert below.ripple < 0.05 * np.ptp(below.f)
-    assert max(above.f[-1000:]) == 0.0  # it bounces
 
 
 def test_an_impedance_that_is_too_fast_for_a_late_servo_is_refused_with_what_it_needs():

@@ -10,9 +10,9 @@ from functools import partial
 
 import numpy as np
 import pytest
-from samples import derivative
+from samples import moving, positive_definite
 from synthetic_runs import recorded
-from tolerances import ALGEBRAIC, DIFFERENCES, SECOND_DIFFERENCES, SECOND_STEP, assert_close
+from tolerances import ALGEBRAIC, assert_close
 
 from eulerparams_control.analysis.compliant import (
     CompliantMotion,
@@ -25,11 +25,12 @@ from eulerparams_control.analysis.page import write_page
 from eulerparams_control.analysis.quantities import BY_NAME, measure
 from eulerparams_control.analysis.series import Frames
 from eulerparams_control.errors import BagError, ConfigurationError, UnknownNameError
+from eulerparams_control.laws.compliant_frame import ComplianceLaw, CompliantFrame
 from eulerparams_control.laws.impedance_matrices import Impedance
-from eulerparams_control.laws.rotations import R_angle_axis, exp, quaternion
+from eulerparams_control.laws.orientation import representation
+from eulerparams_control.laws.rotations import R_angle_axis, exp
 from eulerparams_control.messages.to_ros import springs_to_ros
 from eulerparams_control.motion.frames import DesiredFrame
-from eulerparams_control.motion.trajectories import Trajectory
 
 EXACT = 1e-9  # relative: a few operations on doubles
 DOWN = math.pi / 2
@@ -75,13 +76,10 @@ NOTHING = [0] * 6
         # sensor y is tip z, sensor z is minus tip y; the force acts 0.2 m before the tip:
         # (-0.2, 0, 0) x (1, -3, 2) = (0, 0.4, 0.6)
         (0.0, [1, 2, 3, 0, 0, 0], {"sensor": "sensor"}, [1, -3, 2, 0, 0.4, 0.6]),
-        (0.0, [0, 0, 0, 4, 5, 6], {"sensor": "sensor"}, [0, 0, 0, 4, -6, 5]),
         (DOWN, [1, 2, 3, 0, 0, 0], {"sensor": "sensor"}, [2, -3, -1, 0.6, 0.4, 0]),
         # weight of the tool and bias are no contact
         (0.0, [0, 0, -20, 0, 2, 0], {"parameters": TOOL}, NOTHING),  # (0.1, 0, 0) x (0, 0, -20)
-        (0.0, [1, 0, -20, 0, 2.5, 0], {"parameters": OFF}, NOTHING),
-        (DOWN, [20, 0, 0, 0, 0, 0], {"parameters": TOOL}, NOTHING),  # it hangs
-        (DOWN, [21, 0, 0, 0, 0.5, 0], {"parameters": OFF}, NOTHING),
+        (DOWN, [21, 0, 0, 0, 0.5, 0], {"parameters": OFF}, NOTHING),  # it hangs
         (0.0, NOTHING, {"parameters": SENSED}, [0, 0, 5, 0, -0.5, 0]),  # beyond the sensor
         (0.0, NOTHING, {"parameters": TOOL | {"compensate_tool_weight": False}}, NOTHING),
         # the sign is that of the parameters of the impedance
@@ -117,18 +115,15 @@ WRENCHES = [[*f, 0, 0, m] for f, m in zip(FORCES, (0.0, -9.0, 4.0, 5.0, 7.0), st
 @pytest.mark.parametrize(
     ("name", "options", "expected"),
     [
-        ("final_force", {}, math.hypot(2, 4.5)),
         ("final_force", {"window": 0.01}, 4.25),  # of the mean, not the mean of the lengths
         ("final_force", {"axis": [0, -3, 0]}, 2.0),
         ("peak_force", {"axis": [0, 0, -1]}, 5.0),  # without its sign
-        ("peak_force", {"axis": [0, 1, 1]}, 6 / math.sqrt(2)),
         ("peak_force", {"after": 0.03, "before": 0.03}, math.hypot(2, 4)),
         ("least_force", {"axis": [0, 0, 1]}, -4.0),
         ("least_force", {"after": 0.02}, math.hypot(2, 4)),
         ("final_moment", {"window": 0.02}, 16 / 3),
         ("peak_moment", {"after": 0.015, "axis": [0, 0, 2]}, 7.0),
         ("force_ripple", {"window": 0.01, "axis": [0, 0, 1]}, 0.5),
-        ("force_ripple", {"window": 1.0}, 9.0),
     ],
 )
 def test_a_number_of_the_contact_is_what_it_is_by_hand(tmp_path, name, options, expected):
@@ -189,20 +184,16 @@ def test_without_a_desired_frame_there_is_no_displacement():
     [
         ("final_turn", {}, math.degrees(math.hypot(0.1, 0.2))),
         ("final_turn", {"axis": [0, 1, 0], "window": 0.01}, math.degrees(-0.1)),
-        ("peak_turn", {"axis": [1, 0, 0]}, math.degrees(0.1)),
         ("final_displacement", {"axis": [0, 0, -2]}, 4.0),
         ("peak_displacement", {"after": 0.02}, 5.0),
         ("moment_axis_angle", {}, 180 - math.degrees(math.atan2(0.1, 0.2))),
-        ("apparent_stiffness", {"before": 0.01}, -10.0),
         ("apparent_stiffness", {}, 9 / -0.6),
         # the sensor turns with the rod, by -0.3 and 0.2 rad about y
-        ("apparent_translational_stiffness", {"before": 0.01}, 1000.0 / math.cos(0.3)),
         ("apparent_translational_stiffness", {}, 100 / (0.018 + 0.032 * math.cos(0.2))),
         ("guided_distance", {"axis": [0, 0, 1]}, -4.0),
         ("final_compliant_speed", {}, 0.0),
         # the rod at -0.3 rad, the compliant frame at -0.4 rad
         ("peak_orientation_error", {"against": "compliant", "before": 0.01}, math.degrees(0.1)),
-        ("final_orientation_error", {"against": "compliant", "before": 0.01}, math.degrees(0.1)),
         ("final_position_error", {"against": "compliant", "before": 0.0}, 0.0),
         (
             "peak_position_error",
@@ -249,62 +240,19 @@ def test_without_v_3_the_recording_says_why(compliant, changes, words):
 
 
 # --- what the impedance equations leave ----------------------------------------------
-# A desired frame that turns and moves on a curve, and a compliant frame that does otherwise.
-ENDS = ([0.3, -0.8, 0.5], [1.0, 0.4, -0.9], [0.1, 0.6, 1.2], [-0.7, 0.2, 0.9])
-DESIRED, COMPLIANT = (
-    Trajectory(
-        [0.0, 1.0],
-        [
-            DesiredFrame(np.array(ends[0]), exp(np.array(ends[1])), omega_d=np.array(spin)),
-            DesiredFrame(np.array(ends[1]), exp(np.array(ends[0])), dp_d=np.array(spin)),
-        ],
-    )
-    for ends, spin in ((ENDS[:2], [0.0, 1.0, 3.0]), (ENDS[2:], [2.0, -1.0, 0.0]))
-)
-Z = Impedance(
-    np.array([[2.0, 0.3, 0.0], [0.3, 3.0, 0.1], [0.0, 0.1, 1.0]]),
-    np.diag([5.0, 6.0, 7.0]),
-    np.array([[50.0, 4.0, -3.0], [4.0, 40.0, 2.0], [-3.0, 2.0, 30.0]]),
-)
-
-
-def motion(t):
-    c, d = (Frames.of([frames.sample(t)]) for frames in (COMPLIANT, DESIRED))
-    return CompliantMotion(np.array([t]), c, d)
-
-
-@pytest.mark.parametrize("t", [0.2, 0.5, 0.9])
-def test_the_rotational_equation_leaves_nothing_while_the_desired_frame_turns(t):
-    def x(t):
-        c, d = COMPLIANT.sample(t), DESIRED.sample(t)
-        return d.R_d.T @ (c.omega_d - d.omega_d)
-
-    d = DESIRED.sample(t)
-    eta, eps = quaternion(d.R_d.T @ COMPLIANT.sample(t).R_d)
-    mu_E = 2 * (eta * Z.K @ eps + np.cross(eps, Z.K @ eps))  # eq. (66)
-    dx = derivative(lambda h: x(t + h))
-    mu = d.R_d @ (Z.M @ dx + Z.D @ x(t) + mu_E)  # eq. (59)
-    left = rotational_residual(motion(t), mu[None], Z)
-    assert_close(left, 0, DIFFERENCES * float(np.linalg.norm(mu)))
-    other = rotational_residual(motion(t), mu[None] + [[0.0, 0.3, 0.4]], Z)
-    assert np.linalg.norm(other) == pytest.approx(0.5, rel=1e-5)
-
-
 @pytest.mark.parametrize("frame", ["base", "desired"])
-@pytest.mark.parametrize("t", [0.2, 0.5, 0.9])
-def test_the_translational_equation_leaves_nothing_in_either_frame(t, frame):
-    def x(t):
-        c, d = COMPLIANT.sample(t), DESIRED.sample(t)
-        return c.p_d - d.p_d if frame == "base" else d.R_d.T @ (c.p_d - d.p_d)
-
-    h = SECOND_STEP
-    ddx = (16 * (x(t + h) + x(t - h)) - x(t + 2 * h) - x(t - 2 * h) - 30 * x(t)) / (12 * h**2)
-    f = Z.M @ ddx + Z.D @ derivative(lambda h: x(t + h)) + Z.K @ x(t)  # eq. (52)
-    f = f if frame == "base" else DESIRED.sample(t).R_d @ f
-    left = translational_residual(motion(t), f[None], Z, frame)
-    assert_close(left, 0, SECOND_DIFFERENCES * float(np.linalg.norm(f)))
-    wrong = translational_residual(motion(t), f[None], Z, "desired" if frame == "base" else "base")
-    assert np.linalg.norm(wrong) > 1.0
+def test_the_equations_leave_nothing_of_a_law_while_the_desired_frame_turns(frame):  # (52), (59)
+    Z, w, t = Impedance(*positive_definite(3)), np.arange(1.0, 7.0), 0.01 * np.arange(100)
+    law = ComplianceLaw(representation("euler_parameters"), Z, Z, frame)
+    compliant, moving_frame = CompliantFrame(law), moving(key=3)
+    desired = [DesiredFrame(*moving_frame(at)) for at in t]
+    frames = [compliant.step(0.01, d, w) for d in desired]
+    motion = CompliantMotion(t, Frames.of(frames), Frames.of(desired))
+    f, mu = np.tile(w[:3], (100, 1)), np.tile(w[3:], (100, 1))
+    assert_close(translational_residual(motion, f, Z, frame), 0, EXACT)
+    assert_close(rotational_residual(motion, mu, Z), 0, EXACT)
+    other = translational_residual(motion, f, Z, "desired" if frame == "base" else "base")
+    assert np.linalg.norm(other[50]) > 1.0
 
 
 def test_the_residual_of_a_run_is_what_its_force_and_moment_lack(tmp_path):

@@ -146,24 +146,19 @@ every_adversary = pytest.mark.parametrize("adversary", adversaries())
 
 
 @every_adversary
-@pytest.mark.parametrize(
-    ("dt", "over"), [*product((1e-3, 1e-2, 0.05, 0.2), [0.0]), (1e-3, STOPPING)]
-)
-def test_no_acceleration_that_is_wanted_leads_beyond_position_or_speed(adversary, dt, over):
+def test_a_joint_that_comes_to_its_limit_at_full_speed_overshoots_by_little(adversary):
     limits = many_limits()
     start, speed = states_within(limits)
-    if not over:  # else it comes at full speed
-        speed = that_can_stop(limits, start, speed)
-    for q, dq in play(limits, (start, speed), adversaries()[adversary], dt):
-        assert_within(limits, q, dq, over * np.abs(speed))
+    for q, dq in play(limits, (start, speed), adversaries()[adversary]):
+        assert_within(limits, q, dq, STOPPING * np.abs(speed))
 
 
 @every_adversary
 @pytest.mark.parametrize(
     ("of", "dt"),
     [
-        *product(["velocity"], (5e-4, 2e-3, 0.02, 0.1)),
-        *product(["acceleration"], (5e-4, 2e-3, 0.02)),
+        *product(["velocity"], (2e-3, 0.1)),
+        *product(["acceleration"], (2e-3, 0.02, 0.2)),
     ],
 )
 def test_what_is_left_of_any_wish_keeps_speed_position_and_acceleration_at_once(adversary, of, dt):
@@ -285,14 +280,12 @@ def test_what_is_not_finite_is_not_taken_for_a_singularity_and_no_damping_is_neg
 
 
 def test_what_is_not_a_number_stays_so_within_limits():
-    limits, nan = JointLimits(*np.array([[-1.0, 1.0, 2.0, 9.0]]).T), np.array([math.nan])
-    zero = np.zeros(1)
+    limits, nan, zero = JointLimits(*np.ones((4, 1))), np.array([math.nan]), np.zeros(1)
     for found in (
         limits.limit_velocity(nan, zero, 0.01, zero)[0],
         limits.limit_velocity(zero, nan, 0.01, zero)[0],
         limits.limit_acceleration(zero, nan, zero, 0.01)[0],
         limits.limit_effort(nan)[0],
-        limits.excess(nan),
     ):
         assert np.isnan(found).all()
 
@@ -391,10 +384,6 @@ def test_a_joint_without_a_speed_limit_makes_no_nan_where_no_time_has_passed():
 
 
 # --- the parameter ------------------------------------------------------------------------------
-def test_the_parameter_is_one_number_or_one_a_joint():
-    for given, expected in (((10.0,), 6 * [10.0]), ((1.0, 2.0, 3.0, 4.0, 5.0, 6.0),) * 2):
-        limits = ClikParameters(max_joint_acceleration=given).limits(UR5)
-        np.testing.assert_array_equal(limits.acceleration, expected)
 
 
 @pytest.mark.parametrize(

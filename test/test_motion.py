@@ -15,7 +15,6 @@ from eulerparams_control.motion.shaper import Shaper
 from eulerparams_control.motion.trajectories import Circle, Trajectory, way_points
 from eulerparams_control.motion.way_points import FORMATS, parse_way_points
 
-X = np.eye(3)[0]
 S_IN_NS = 1_000_000_000
 ANGLES = (0.0, 1e-9, 1e-3, 0.5, 1.5, 2.0, 3.0, math.radians(175))
 CIRCLE = Circle(radius=0.15, normal=np.array([1.0, 2.0, -2.0]), period=4.0, tilt=0.4)
@@ -71,14 +70,6 @@ def test_a_trajectory_passes_its_frames_with_their_rates_which_are_its_derivativ
                 assert_rates_are_derivatives(trajectory, t, 30 * tol.MOTION_DIFFERENCES)
 
 
-def test_a_trajectory_rests_before_its_first_and_after_its_last_frame():
-    frames = [moving_frame(R, i) for i, R in enumerate(samples.uniform(2))]
-    trajectory = Trajectory([0.5, 2.0], frames)
-    assert trajectory.duration == 2.0
-    for t, frame in ((0.0, frames[0]), (0.4999, frames[0]), (2.0001, frames[1]), (99.0, frames[1])):
-        assert_same_frame(trajectory.sample(t), DesiredFrame(frame.p_d, frame.R_d), 0)
-
-
 def test_samples_are_those_that_are_taken_one_by_one():
     trajectory = trajectory_turning(1.5)
     t = np.array([-1.0, 0.0, 0.3, 0.8, 1.7, 2.0, 2.5])
@@ -87,16 +78,17 @@ def test_samples_are_those_that_are_taken_one_by_one():
         assert_same_frame(trajectory.sample(at), [part[n] for part in stack], 0)
 
 
-def test_a_trajectory_that_begins_later_starts_with_the_frame_given():
-    trajectory = Trajectory(
-        [0.5, 2.0], [moving_frame(R, i) for i, R in enumerate(samples.uniform(2))]
-    )
-    here = moving_frame(samples.uniform(3)[2], 7)
+def test_a_trajectory_rests_before_and_after_its_frames_or_starts_with_the_frame_given():
+    first, last, here = (moving_frame(R, i) for i, R in enumerate(samples.uniform(3)))
+    trajectory = Trajectory([0.5, 2.0], [first, last])
+    assert trajectory.duration == 2.0
+    for t, frame in ((0.0, first), (0.4999, first), (2.0001, last), (99.0, last)):
+        assert_same_frame(trajectory.sample(t), DesiredFrame(frame.p_d, frame.R_d), 0)
     longer = trajectory.from_frame(here)
     assert longer.times == [0.0, 0.5, 2.0]
     assert_same_frame(longer.sample(0.0), here, tol.THROUGH_POINTS)
-    assert_same_frame(longer.sample(0.5), trajectory.frames[0], tol.THROUGH_POINTS)
-    assert longer.from_frame(moving_frame(np.eye(3), 8)) is longer
+    assert_same_frame(longer.sample(0.5), first, tol.THROUGH_POINTS)
+    assert longer.from_frame(last) is longer
 
 
 # --- way-points ---------------------------------------------------------------------------
@@ -212,7 +204,7 @@ def pose(orientation, orientation_format, position=(0.1, 0.2, 0.3)):
     return frame.p_d, frame.R_d
 
 
-def test_a_quaternion_is_x_y_z_w_and_the_format_unless_told_and_a_rotation_vector_theta_r():
+def test_a_quaternion_is_x_y_z_w_a_rotation_vector_theta_r_and_angles_are_of_the_sequence():
     for sign in (1, -1):
         p, R_d = pose(sign * np.array(XYZW), "quaternion_xyzw")
         np.testing.assert_array_equal(p, [0.1, 0.2, 0.3])
@@ -220,13 +212,9 @@ def test_a_quaternion_is_x_y_z_w_and_the_format_unless_told_and_a_rotation_vecto
     tol.assert_close(pose(ANGLE * AXIS, "rotation_vector")[1], R, tol.ALGEBRAIC)
     unless_told = parse_way_points([0.0], [0, 0, 0], XYZW)
     tol.assert_close(unless_told.sample(0.0).R_d, R, tol.ALGEBRAIC)
-
-
-@pytest.mark.parametrize("sequence", SEQUENCES)
-def test_angles_are_those_of_the_sequence_in_radians(sequence):
-    for angles in samples.generator(90).uniform(-3, 3, size=(20, 3)):
-        expected = samples.by_angles(sequence, *angles)
-        tol.assert_close(pose(angles, sequence)[1], expected, tol.ALGEBRAIC)
+    for sequence in SEQUENCES:
+        expected = samples.by_angles(sequence, 0.3, -1.2, 2.5)
+        tol.assert_close(pose([0.3, -1.2, 2.5], sequence)[1], expected, tol.ALGEBRAIC)
 
 
 def test_rows_follow_each_other_and_the_motion_rests_at_each():
@@ -277,25 +265,18 @@ ONE, NONE = ([0.0], [0.0, 0.0, 0.0]), [0.0, 0.0, 0.0]  # a time with a position;
         *(
             (parse_way_points, rows, words)
             for rows, words in (
-                ((*ONE, [0, 0, 0, 0], "quaternion_xyzw"), "has norm 0; expected 1"),
                 ((*ONE, [0, 0, 0, 1.01], "quaternion_xyzw"), "has norm 1.01; expected 1"),
-                ((*ONE, [1, 1, 0, 0], "quaternion_xyzw"), "has norm 1.41421; expected 1"),
                 (([], [], [], "XYZ"), "0 times, 0 numbers .*, 0 in .*; expected N, 3 N and 3 N"),
-                (([0.0], [0, 0], NONE, "XYZ"), "1 times, 2 numbers .*, 3 in .*; expected N, 3 N"),
-                ((*ONE, [0, 0, 0, 1], "XYZ"), "4 in orientations; expected N, 3 N and 3 N"),
                 ((*ONE, NONE, "quaternion_xyzw"), "3 in orientations; expected N, 3 N and 4 N"),
                 (([0.0, 1.0], NONE, NONE, "rotation_vector"), "2 times, 3 numbers .*, 3 in orie"),
-                (([0.0], [0] * 6, NONE, "ZYZ"), "1 times, 6 numbers .*, 3 in orientations"),
             )
         ),
         *(
             (parse_way_points, rows, "expected finite numbers")
-            for bad in (math.nan, math.inf, -math.inf)
             for rows in (
-                ([bad], NONE, NONE, "rotation_vector"),
-                ([0.0], [bad, 0.0, 0.0], NONE, "XYZ"),
-                (*ONE, [bad, 0.0, 0.0], "XYZ"),
-                (*ONE, [bad, 0.0, 0.0, 1.0], "quaternion_xyzw"),
+                ([math.nan], NONE, NONE, "rotation_vector"),
+                ([0.0], [math.inf, 0.0, 0.0], NONE, "XYZ"),
+                (*ONE, [math.nan, 0.0, 0.0, 1.0], "quaternion_xyzw"),
             )
         ),
     ],

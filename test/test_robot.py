@@ -131,16 +131,6 @@ LINKS_OF = {
     "every kind of joint": ("floor", "base", "column", "carriage", "forearm"),
     "base that turns": ("column", "carriage", "forearm"),
 }
-BODY = """<inertial><origin xyz="0.3 0 0"/><mass value="2"/>
-<inertia ixx="0.1" iyy="0.2" izz="0.3" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
-SWING = """<axis xyz="0 0 1"/><limit lower="-4" upper="4" velocity="3" effort="10"/></joint>"""
-PLANAR = f"""<robot name="planar"><link name="base"/><link name="tip"/>
-<link name="first">{BODY}<link name="second">{BODY}
-<joint name="q1" type="revolute"><parent link="base"/><child link="first"/>{SWING}
-<joint name="q2" type="revolute"><parent link="first"/><child link="second"/>
-<origin xyz="0.8 0 0"/>{SWING}
-<joint name="end" type="fixed"><parent link="second"/><child link="tip"/><origin xyz="0.8 0 0"/>
-</joint></robot>"""
 
 
 class WholeModel:
@@ -237,46 +227,6 @@ def test_a_state_stays_what_it_is_and_is_the_same_alone_in_a_row_and_with_dynami
     assert robot.states(np.empty((0, robot.n)), np.empty((0, robot.n))).J.shape == (0, 6, robot.n)
 
 
-@pytest.mark.parametrize("kind", ["revolute", "continuous"])
-def test_a_planar_arm_of_two_links_is_that_of_the_textbook(kind):
-    """Siciliano et al., Robotics: Modelling, Planning and Control, secs. 3.1, 7.3.2."""
-    robot = Robot(PLANAR.replace("revolute", kind), "base", "tip", gravity=(0.0, -9.81, 0.0))
-    m, inertia, a, l = 2.0, 0.3, 0.8, 0.3
-    for q, dq in configurations(2, key=17):
-        q = q + np.array([1000.0, -200.0])  # turns are turns
-        c_1, s_1, c_12, s_12 = np.cos(q[0]), np.sin(q[0]), np.cos(q.sum()), np.sin(q.sum())
-        arm, dJ_dq, B, C_dq, g = robot.dynamic_state(q, dq)
-        assert_close(arm.p_e, [a * (c_1 + c_12), a * (s_1 + s_12), 0.0])
-        J = [[-a * (s_1 + s_12), -a * s_12], [a * (c_1 + c_12), a * c_12]]
-        assert_close(arm.J[:2], J)
-        assert_close(arm.J[2:], [[0, 0], [0, 0], [0, 0], [1, 1]])
-        assert_close(arm.dp_e[:2], J @ dq)
-        first, both = a * dq[0] ** 2, a * dq.sum() ** 2
-        assert_close(dJ_dq[:2], [-first * c_1 - both * c_12, -first * s_1 - both * s_12])
-        h, c_2 = m * a * l * np.sin(q[1]), np.cos(q[1])
-        b_22 = inertia + m * l**2
-        b_12 = b_22 + m * a * l * c_2
-        b_11 = b_12 + m * a * l * c_2 + inertia + m * (l**2 + a**2)
-        assert_close(B, [[b_11, b_12], [b_12, b_22]])
-        assert_close(C_dq, [-h * (2 * dq[0] + dq[1]) * dq[1], h * dq[0] ** 2])
-        g_2 = m * 9.81 * l * c_12
-        assert_close(g, [m * 9.81 * (l + a) * c_1 + g_2, g_2])
-
-
-@pytest.mark.filterwarnings("ignore:invalid value")
-def test_one_joint_alone_and_values_that_are_none():
-    for base, tip, kind in (("floor", "column", "turn"), ("column", "carriage", "lift")):
-        robot = Robot(with_inertia(ARM), base, tip)
-        assert robot.joints == (kind,)
-        state = robot.dynamic_state(np.array([0.2]), [1])
-        assert (state.arm.J.shape, state.B.shape, state.g.shape) == ((6, 1), (1, 1), (1,))
-        assert np.isfinite(np.concatenate([array.ravel() for array in flat(state)])).all()
-        for value in (math.nan, math.inf):
-            arm = robot.state(np.array([value]), np.zeros(1))
-            assert not np.isfinite(arm.p_e if kind == "lift" else arm.R_e).all()
-            robot.dynamic_state(np.array([value]), np.array([value]))
-
-
 def test_the_friction_of_the_urdf_is_that_of_the_active_joints_in_their_order():
     friction = Robot(ODD_ROBOT, "", "tip", ("slide", "turn")).friction
     assert friction.viscous.tolist() == [3.0, 5.0]
@@ -313,7 +263,6 @@ KNOWN = "known: bend, lift, turn$"
         ("colum", "hand", (), "^base_frame: unknown frame.*did you mean 'column'"),
         ("base", "hnd", (), f"known: {', '.join(LINKS[:-1])}, right_finger, wrist$"),
         ("base", "hand", ("turn", "elbow"), f"^joints: unknown joint 'elbow'; {KNOWN}"),
-        ("base", "hand", ("a_finger",), f"unknown joint 'a_finger'.*{KNOWN}"),  # elsewhere
         ("base", "hand", ("parallel",), f"unknown joint 'parallel'.*{KNOWN}"),  # mimics
         ("hand", "base", (), "'base' is not carried by link 'hand'"),
         ("floor", "base", (), "no joint moves between .*'floor' and .*'base'"),
@@ -356,9 +305,8 @@ def test_a_joint_whose_limits_do_not_let_it_move_is_named_and_not_controlled(
 @pytest.mark.parametrize(
     ("stated", "expected"),
     [
-        ('soft_lower_limit="-0.5" soft_upper_limit="1"', (-0.5, 1.0)),
+        ('soft_lower_limit="-0.5" soft_upper_limit=" 1 "', (-0.5, 1.0)),
         ('soft_lower_limit="-0.5"', (-0.5, 2.0)),
-        ('soft_upper_limit=" 1 "', (-1.0, 1.0)),
         ('soft_lower_limit="-9" soft_upper_limit="9"', (-1.0, 2.0)),
         ('soft_lower_limit="0" soft_upper_limit="0"', (-1.0, 2.0)),  # an exporter knew none
         ('k_position="15" k_velocity="10"', (-1.0, 2.0)),
@@ -506,8 +454,6 @@ def test_a_path_takes_root_longest_chain_and_a_home_within_limits_or_an_entry(en
             "'my'.*joints must be some",
         ),
         ("missing.urdf", None, r"cannot be read.*missing\.urdf"),
-        ("a.urdf.xacro", b"<robot><xacro:arm/></robot>", "has <xacro:arm>; expand it: xacro FILE"),
-        ("binary.urdf", b"\xff\xfe\x00", "is no XML"),
     ],
 )
 def test_a_urdf_that_cannot_be_read_is_refused_with_its_path(name, content, words, tmp_path):
@@ -521,16 +467,13 @@ def test_a_urdf_that_cannot_be_read_is_refused_with_its_path(name, content, word
     ("change", "reason"),
     [
         ({"base_frame": "bse"}, "unknown frame 'bse' (did you mean 'base'?)"),
-        ({"base_frame": "finger"}, "unknown joint 'swing'; known: none"),
         ({"tip_frame": "base"}, "unknown joint 'swing'; known: none"),
         ({"sensor_frame": "hand"}, "unknown frame 'hand'"),
         ({"joints": ["swing", "slyde"]}, "unknown joint 'slyde' (did you mean 'slide'?)"),
         ({"joints": ["slide", "swing"]}, "from base to tip"),
-        ({"joints": ["swing", "swing"]}, "from base to tip"),
         ({"joints": "swing"}, "joints must be a list of names, got 'swing'"),
         ({"home": [0.75]}, "home is [0.75]; expected 2 numbers"),
         ({"home": [0.75, "x"]}, "home of joint 'slide', x, is outside 0.0 ... 1.0"),
-        ({"home": [0.75, math.nan]}, "home of joint 'slide', nan, is outside 0.0 ... 1.0"),
         ({"home": [0.2, 0.5]}, "home of joint 'swing', 0.2, is outside 0.5 ... 1.0"),
         ({"urdf": "pybullet_data:none.urdf"}, "'none.urdf' of the package 'pybullet_data'"),
         ({"urdf": "no-such-package:none.urdf"}, "is it installed?"),

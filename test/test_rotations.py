@@ -250,20 +250,14 @@ def test_the_first_eta_has_the_initial_sign_from_which_only_the_continuous_one_n
 @pytest.mark.parametrize(
     ("kind", "given", "words"),
     [
-        *((SignRule, (name,), SIGNS) for name in ("shortes", "", "Hysteretic")),
-        *((EulerSequence, (name,), SEQUENCES) for name in ("XYY", "xyz", "", "ABC", "XYZX")),
+        (SignRule, ("shortes",), SIGNS),
+        *((EulerSequence, (name,), SEQUENCES) for name in ("XYY", "xyz", "XYZX")),
         *(
             (SignRule, ("hysteretic", delta), ("hysteresis", str(delta), "[0, 1)"))
-            for delta in (-1e-9, 1.0, 2.0, math.nan, math.inf, -math.inf)
+            for delta in (-1e-9, 1.0, math.nan)
         ),
-        *(
-            (SignRule, (name, 0.2, -1), ("eta is -1", "expected 1, or -1 with continuous"))
-            for name in (SEPARATE, "shortest", "hysteretic")
-        ),
-        *(
-            (SignRule, ("continuous", 0.2, initial), (f"eta is {initial}", "expected 1, or -1"))
-            for initial in (0, 2, -2, math.nan)
-        ),
+        (SignRule, ("hysteretic", 0.2, -1), ("eta is -1", "expected 1, or -1 with continuous")),
+        (SignRule, ("continuous", 0.2, 0), ("eta is 0", "expected 1, or -1")),
     ],
 )
 def test_impossible_options_are_refused_with_their_value_and_what_is_possible(kind, given, words):

@@ -214,32 +214,17 @@ def test_the_low_pass_is_after_the_dead_band_in_the_axes_of_the_tip_and_its_cut_
     assert_close(filtered(own, force), before + share * (force - before))
 
 
-def test_without_a_cut_off_nothing_is_filtered_and_the_first_sample_passes():
-    own, low = chain_of(), chain_of(wrench_cutoff=1.0)
-    for w in generator(811).normal(size=(10, 6)):
-        assert_close(filtered(own, w), w)
-    assert_close(filtered(low, LOAD), LOAD)
-    assert np.abs(filtered(low, 0 * LOAD)).max() > 0.9  # not the second
-    low.reset()
-    assert_close(filtered(low, 2 * LOAD), 2 * LOAD)
-
-
-REFUSED = [
-    ({"wrench_sign": 0}, "wrench_sign is 0; expected 1 or -1"),
-    *(
-        ({"wrench_bias": (0.0,) * n}, f"wrench_bias has {n} values; expected 6")
-        for n in (0, 3, 5, 7)
-    ),
-    ({"wrench_bias": (math.nan,) * 6}, "'wrench_bias' is nan; expected a finite number"),
-    *(
-        ({name: value}, f"'{name}' is {value:g}.*; expected")
-        for name in ("force_dead_band", "torque_dead_band", "wrench_cutoff")
-        for value in (-1e-9, math.nan, math.inf)
-    ),
-]
-
-
-@pytest.mark.parametrize(("given", "text"), REFUSED)
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"wrench_sign": 0}, "wrench_sign is 0; expected 1 or -1"),
+        ({"wrench_bias": (0.0,) * 5}, "wrench_bias has 5 values; expected 6"),
+        ({"wrench_bias": (math.nan,) * 6}, "'wrench_bias' is nan; expected a finite number"),
+        ({"force_dead_band": -1e-9}, "'force_dead_band' is -1e-09.*; expected"),
+        ({"torque_dead_band": math.nan}, "'torque_dead_band' is nan.*; expected"),
+        ({"wrench_cutoff": math.inf}, "'wrench_cutoff' is inf.*; expected"),
+    ],
+)
 def test_impossible_parameters_are_refused(given, text):
     with pytest.raises(ConfigurationError, match=text):
         WrenchChain(UR5, from_mapping(ImpedanceParameters, given))

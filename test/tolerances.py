@@ -23,8 +23,8 @@ NO_JUMP = REACHED = 1e-10
 # Accelerations of up to 1e4 through T^-1 at POLE_CLEARANCE, or J^-1 and B of condition 100; the
 # relative error of T^-1 at 1e-5 rad from the pole, the rounding of 1e-16 over 1e-5.
 ERROR_EQUATION = NULL_SPACE = 1e-9
-# The start of an experiment [m]; an arm that its model of gravity holds for 1 s.
-REST = AT_REST = 1e-9
+# The start of an experiment [m].
+REST = 1e-9
 # Durations are rounded to a nanosecond: half of one, and the rounding of 1e6 s (1e-10).
 NANOSECOND = 0.7e-9
 # asin at 90 deg from the pole has a vertical tangent and returns half of the digits; so do the
@@ -37,9 +37,6 @@ ETA_NEAR_PI = 1e-3
 # Step of the central differences: truncation h^2 f'''/6 (2e-13) and rounding 1e-16/h (1e-10) are
 # both far below DIFFERENCES, the floor where derivatives of order 10 occur.
 STEP, DIFFERENCES = 1e-6, 1e-8
-# Step of the second differences of fourth order: rounding 5e-16 / h^2 (5e-10), truncation
-# h^4 x/90, where x reaches 1e6 at POLE_CLEARANCE (1e-8 at most).
-SECOND_STEP, SECOND_DIFFERENCES = 1e-3, 1e-6
 # Samples "away from the pole": third derivatives of the angles grow like 1/distance^3.
 POLE_CLEARANCE = 0.3
 # Slopes [N, Nm] of energies of up to 1 J: rounding 1e-16 / STEP, truncation STEP^2 times third
@@ -80,8 +77,6 @@ V_3_SAMPLED = 5e-4
 DAMPING_RATIO = 1e-4
 # The error of Runge-Kutta's method drops by 2^4 as the step is halved, but for higher orders.
 OF_ORDER_4 = (12.0, 22.0)
-# The same motion on frames that move differently.
-RELATIVE_MOTION = 1e-9
 # Steps are divided so that a mode moves by half a time constant in each: the method leaves
 # 0.5^5 / 120, which adds up to this of the deflection.
 FAST_MODES = 1e-3
