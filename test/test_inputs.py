@@ -43,7 +43,6 @@ from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.qos import QOS_LATCHED
-from eulerparams_control.ros.ros_time import RosTime
 from eulerparams_control.ros.state_input import StateInput
 from eulerparams_control.ros.wrench_input import WrenchInput
 
@@ -98,7 +97,7 @@ def without_velocities(arm: Any) -> None:
 
 def states_of(needs_velocity: bool = False) -> Any:
     """Return an input of states, and what lets it take one."""
-    states = StateInput(None, RealTime(), timeout=0.1, on_dispute=lambda _: None)
+    states = StateInput(RealTime(), timeout=0.1, on_dispute=lambda _: None)
     states.expect(MODEL, needs_velocity)
     numbers = count(1)
 
@@ -114,10 +113,10 @@ def test_a_state_that_is_refused_does_not_make_a_moving_arm_one_at_rest():
     states, take = states_of()
     for k in range(20):
         take(0.01 * k, HOME + 0.05 * k, [NAN] * 6)
-    assert "moves" in states.motion(MODEL)
+    assert "moves" in states.motion()
     with pytest.raises(InvalidMessageError, match="non-finite velocity"):
         take(0.2, HOME + 1.0, [5.0] + [NAN] * 5)  # a driver that starts up joint by joint
-    assert "moves" in states.motion(MODEL)
+    assert "moves" in states.motion()
 
 
 def test_velocities_that_are_missed_once_are_known_again_with_the_next_ones():
@@ -125,7 +124,7 @@ def test_velocities_that_are_missed_once_are_known_again_with_the_next_ones():
     take(0.0, HOME, [0.0] * 6)
     with pytest.raises(InvalidMessageError, match="no velocities"):
         take(0.01, HOME, [NAN] * 6)
-    assert states.motion(MODEL) == ""
+    assert states.motion() == ""
 
 
 def test_a_state_that_a_controller_refuses_does_not_end_the_silence():
@@ -136,9 +135,9 @@ def test_a_state_that_a_controller_refuses_does_not_end_the_silence():
         take(0.0, HOME, [0.0] * 6)
         now = 50.3
         take(0.3, HOME, [0.0] * 6)
-        assert not states.is_stale
+        assert not states.is_silent
         states.refused(SimpleNamespace(is_contested=False))
-        assert states.is_stale
+        assert states.is_silent
     finally:
         steady.go_by()
 
@@ -302,16 +301,19 @@ def test_a_wrench_that_repeats_itself_while_the_arm_moves_is_not_believed(world)
 
 
 class RealTime:
-    """The clock of a node in real time."""
+    """A node in real time, and its clock."""
 
-    is_simulated = False
+    ros_time_is_active = False
+
+    def get_clock(self) -> "RealTime":
+        return self
 
 
 class Sensed:
     """A sensor and its input, by an injected clock; ``offset`` [s] is that of its own clock."""
 
     def __init__(self, offset: float = 0.0) -> None:
-        self.input = WrenchInput(RealTime(), ImpedanceParameters())
+        self.input = WrenchInput(states_of()[0], ImpedanceParameters())
         self.now, self.offset, self.count = 50.0, offset, 0
 
     def send(self, delay: float = 0.0, *, step: float = 0.002, stamp: float | None = None) -> bool:
@@ -323,7 +325,7 @@ class Sensed:
         msg.header.stamp = stamp_to_ros(round(1e9 * (1000 + self.offset + stamp)))
         msg.wrench.force.x = float(self.count)
         try:
-            self.input.take(msg, AT_ORIGIN, may_repeat=False, waits=False)
+            self.input.take(msg, AT_ORIGIN)
         except InvalidMessageError:
             return False
         return True
@@ -418,7 +420,7 @@ def test_efforts_that_brake_an_arm_are_not_taken_for_those_that_bear_it():
 
 def test_whose_time_counts_is_known_also_after_it_was_changed(world):
     node = world.peer.another_node("controller")
-    found = RosTime(node)
+    found = StateInput(node, timeout=0.1, on_dispute=lambda _: None)
     assert not found.is_simulated
     for simulated in (True, False):
         assert node.set_parameters([Parameter("use_sim_time", value=simulated)])[0].successful

@@ -74,10 +74,10 @@ class ControlReport(Health):
     def say(self, controller: Controller, states: StateInput) -> None:
         """Say what the controller does, or why no state leads on."""
         if states.stands and controller.state.is_led and not states.is_silent:
-            why, is_fault = states.standing(), not states.time.is_simulated
+            why, is_fault = states.standing(), not states.is_simulated
             self.unanswered(Mode.HOLDING, why, level=ERROR if is_fault else WARN)
-        elif fault := states.dispute.fault:
-            why = states.dispute._replace(fault=f"{fault}: no commands")
+        elif fault := states.source.dispute.fault:
+            why = states.source.dispute._replace(fault=f"{fault}: no commands")
             self.unanswered(controller.mode, why)
         else:
             self.state(controller)
@@ -208,7 +208,7 @@ class ControlReport(Health):
         tick = guidance.of_law if is_asked else None
         if is_commanded:
             self._publish_arm(controller, tick, q, dq, stamp)
-        if self._frames is not None and not states.dispute.fault:  # else: whose state is it?
+        if self._frames is not None and not states.source.dispute.fault:  # else: whose state is it?
             self.attempt(lambda: self._publish_frames(controller, tick, q, dq, stamp), "/tf")
 
     def _publish_arm(

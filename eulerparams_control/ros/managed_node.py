@@ -13,6 +13,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
+from eulerparams_control.control.clock import steady
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.guidance import ControllerOptions
 from eulerparams_control.control.mode import REPORT_IT, Why
@@ -37,7 +38,6 @@ from eulerparams_control.ros.guards import (
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.qos import QOS_STREAM, overridable
 from eulerparams_control.ros.real_time import claim
-from eulerparams_control.ros.ros_time import RosTime
 from eulerparams_control.ros.state_input import StateInput
 
 
@@ -56,9 +56,7 @@ class ManagedNode(LifecycleNode):
         self._robot: Robot | None = None
         self._controller: Controller | None = None
         self._description = p.robot_description
-        self.time = RosTime(self)
-        timeout, on_dispute = p.state_timeout, self._on_dispute
-        self._input = StateInput(self, self.time, timeout, on_dispute)
+        self._input = StateInput(self, p.state_timeout, self._on_dispute)
         self._stamp = Time()  # of the last command
         self._autostart = p.autostart
         self._ending = Ending(lambda: self._input.is_followed, self._release)
@@ -87,7 +85,7 @@ class ManagedNode(LifecycleNode):
 
     def refusal(self) -> str:
         """Return why the arm must not be controlled yet; "" if it may."""
-        return self._input.motion(self._robot) if self._robot else ""
+        return self._input.motion() if self._robot else ""
 
     def values_now(self) -> Values:
         """Return what /diagnostics shows once a second, whether there are ticks or not."""
@@ -180,10 +178,9 @@ class ManagedNode(LifecycleNode):
             joints = ", ".join(robot.joints)
             text = f"not activated: no valid joint_states yet; expected the joints {joints}"
             return self._fail(text, Lifecycle.INACTIVE, Cause.NO_STATES)
-        self.time.look()
         try:
             self._refuse_while_ending()
-            if not self.time.is_simulated and self._input.is_stale:
+            if not self._input.is_simulated and self._input.is_silent:
                 raise ConfigurationError("joint_states has stopped; is the robot running?")
             if reason := self.refusal():
                 raise ConfigurationError(reason)
@@ -264,7 +261,7 @@ class ManagedNode(LifecycleNode):
         if self._robot is not None and self._input.measured is not None:
             if (why := self.doubt()).fault:
                 self._fail_for(why)
-            elif not self._input.are_believed():
+            elif not self._input.source.look(steady.now()):
                 pass  # a second look at who publishes the states comes first
             elif reason := self.refusal():
                 text, mode = f"not activated yet: {reason}", Lifecycle.INACTIVE
