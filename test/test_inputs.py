@@ -38,6 +38,7 @@ from eulerparams_control.motion.frames import AT_ORIGIN, DesiredFrame
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.qos import QOS_LATCHED
+from eulerparams_control.ros.state_input import StateInput
 from eulerparams_control.ros.wrench_input import WrenchInput
 
 JOINTS = ("a", "b")
@@ -224,16 +225,20 @@ def test_a_wrench_that_repeats_itself_while_the_arm_moves_is_not_believed(world)
 
 
 class RealTime:
-    """The clock of a node in real time."""
+    """A node in real time, and its clock."""
 
-    is_simulated = False
+    ros_time_is_active = False
+
+    def get_clock(self) -> "RealTime":
+        return self
 
 
 class Sensed:
     """A sensor and its input, by an injected clock; ``offset`` [s] is that of its own clock."""
 
     def __init__(self, offset: float = 0.0) -> None:
-        self.input = WrenchInput(RealTime(), ImpedanceParameters())
+        states = StateInput(RealTime(), timeout=0.1, on_dispute=lambda _: None)
+        self.input = WrenchInput(states, ImpedanceParameters())
         self.now, self.offset, self.count = 50.0, offset, 0
 
     def send(self, delay: float = 0.0, *, step: float = 0.002, stamp: float | None = None) -> bool:
@@ -245,7 +250,7 @@ class Sensed:
         msg.header.stamp = stamp_to_ros(round(1e9 * (1000 + self.offset + stamp)))
         msg.wrench.force.x = float(self.count)
         try:
-            self.input.take(msg, AT_ORIGIN, may_repeat=False, waits=False)
+            self.input.take(msg, AT_ORIGIN)
         except InvalidMessageError:
             return False
         return True

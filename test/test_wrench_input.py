@@ -52,7 +52,7 @@ def test_a_sensor_whose_rate_is_too_low_is_told_its_rate_and_the_parameter(
     seen = told(arm, 3.0, send)
     assert {values(status)["cause"] for status in seen} == {"wrench_rate_too_low"}
     (message,) = {status.message for status in seen}
-    assert f"with gaps of up to {gap} s, but wrench_timeout is 0.1 s" in message
+    assert f"has gaps of up to {gap} s, but wrench_timeout is 0.1 s" in message
     assert "let the sensor publish 20 times a second" in values(seen[0])["remedy"]
     assert f"set wrench_timeout to {2 * float(gap):.2g} s" in values(seen[0])["remedy"]
     assert arm.commands == []

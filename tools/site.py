@@ -38,7 +38,7 @@ from eulerparams_control.parameters.watchdog import WatchdogParameters
 from eulerparams_control.resources import config_names
 from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.ros import target_wrench, watchdog_node, wrench_input
-from eulerparams_control.ros.publishers import incompatible
+from eulerparams_control.ros.publishers import qos_remedy
 from eulerparams_control.tool.parameters import IdentifyToolParameters
 from sim_bridge.bridge_parameters import BridgeParameters
 from sim_bridge.drive_modes import DriveCause, DriveMode, DriveStatus
@@ -129,8 +129,8 @@ def remedies() -> dict[str, str]:
         Why(Cause.DEFECT, remedy=mode.REPORT_IT),
         wrench_input.lost(""),
         wrench_input.STUCK,
-        wrench_input.too_rare(8.0, 0.125, 0.1),
-        incompatible("/joint_states", "/clik", {("reliability", "best_effort", "reliable"): []}),
+        wrench_input.too_rare(0.125, 0.1),
+        Why(Cause.INCOMPATIBLE_QOS, remedy=qos_remedy("/clik", "/joint_states", "reliability")),
         target_wrench.AT_ITS_END,
     ]
     return {why.cause.value: why.remedy for why in whys if why.cause is not Cause.NONE}

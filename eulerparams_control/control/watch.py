@@ -52,13 +52,12 @@ class Watch:
         if self.mode is not WatchMode.PASSING:
             return None
         tau = self._robot.limits.limit_effort(tau)[0]
-        passed = self._ramped(tau, t) if self._joins else tau
-        self._joins = self._joins and bool((passed != tau).any())
-        self._tau, self._sent = passed, t
-        return passed
+        self._tau, self._sent = self._ramped(tau, t) if self._joins else tau, t
+        self._joins = self._joins and bool((self._tau != tau).any())
+        return self._tau
 
     def state(self, q: Array, dq: Array, t: float) -> Array | None:
-        """Return what brakes the arm, measured at q, dq (n,) at t [s]; None: it need not."""
+        """Return what brakes the arm that is measured at q, dq (n,) at t [s]; None: nothing."""
         self._q, self._dq, self._seen = q, dq, t
         return self.look(t)
 

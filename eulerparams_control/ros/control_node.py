@@ -134,7 +134,7 @@ class ControlNode(ManagedNode):
         states = self._input
         if states.unanswered is None or states.measured is None:
             return
-        (t, q, dq), are_believed = states.measured, states.are_believed()
+        (t, q, dq), are_believed = states.measured, states.source.look(steady.now())
         if self._controller is None:  # nothing listens yet to what belongs to the state
             self.observe(t, q, dq)
             self._try_start()
@@ -156,7 +156,7 @@ class ControlNode(ManagedNode):
             self._commands.publish(stamp, command)
         states.answered(controller.admission, is_commanded=command is not None)
         self.review(controller, None if command is None else stamp)
-        if states.stands and controller.mode is Mode.FOLLOWING and not self.time.is_simulated:
+        if states.stands and controller.mode is Mode.FOLLOWING and not self._input.is_simulated:
             why = states.standing()  # there is no time to move by
             controller.settle(why._replace(fault="", note=why.fault))
         self._health.answered(controller, is_commanded=command is not None)
@@ -178,9 +178,9 @@ class ControlNode(ManagedNode):
         """Let a message lead the arm, or say why it must not."""
         states, controller = self._input, self._controller
         try:
-            states.refuse_in_dispute()
+            states.source.refuse_in_dispute()
             is_led = controller is not None and controller.state.is_led
-            if is_led and states.stands and not self.time.is_simulated:
+            if is_led and states.stands and not states.is_simulated:
                 raise InvalidMessageError("the stamp of joint_states stays: there is no time")
             self._leaders.take(topic, msg)
         except InvalidMessageError as error:
@@ -197,7 +197,7 @@ class ControlNode(ManagedNode):
             if self._controller is None:
                 raise InvalidMessageError("not active: nothing is commanded")
             if order is Controller.resume:
-                self._input.accept()
+                self._input.source.accept(steady.now())
             order(self._controller)
             self._say()
             answer.success, answer.message = True, self._health.message
@@ -215,9 +215,9 @@ class ControlNode(ManagedNode):
     def watch(self) -> None:
         """Say that joint_states has stopped, as soon as it has; nothing is commanded then."""
         states = self._input
-        if self._controller is not None and states.is_silent and not states.dispute.fault:
+        if self._controller is not None and states.is_silent and not states.source.dispute.fault:
             self._say()
-        elif self.time.is_simulated and not states.source.is_believed:
+        elif self._input.is_simulated and not states.source.is_believed:
             self._answer()  # the state may come but once
         self._review_end()
 
@@ -226,8 +226,7 @@ class ControlNode(ManagedNode):
         states, controller = self._input, self._controller
         topic = states.subscription.topic_name
         self._health.values |= states.read() | self.values_now()
-        if states.dispute.fault:
-            states.review_dispute()  # whose names are known by now
+        states.source.review()  # the names are known by now
         is_late = steady.now() - self._began > _DISCOVERY
         if is_late and states.measured is None and not self.count_publishers(topic):
             self._health.complain(f"nobody publishes {topic}: is a robot there?")

@@ -78,13 +78,13 @@ class ControlReport(Health):
         ``is_answered``: a state has come, however long ago, and has its answer now.
         """
         states, mode, level = self._states, controller.mode, ERROR
-        if fault := states.dispute.fault:
-            why = states.dispute._replace(fault=f"{fault}: no commands")
+        if fault := states.source.dispute.fault:
+            why = states.source.dispute._replace(fault=f"{fault}: no commands")
         elif not is_answered and states.is_silent:
             why = states.silent()
         elif states.stands and controller.state.is_led:
             why, mode = states.standing(), Mode.HOLDING
-            level = WARN if states.time.is_simulated else ERROR
+            level = WARN if states.is_simulated else ERROR
         else:
             self._say_mode(controller)
             return
@@ -201,7 +201,7 @@ class ControlReport(Health):
         tick = guidance.of_law if is_asked else None
         if is_commanded:
             self._publish_arm(controller, tick, state)
-        if self._frames is not None and not states.dispute.fault:  # else: whose state is it?
+        if self._frames is not None and not states.source.dispute.fault:  # else: whose state is it?
             self.attempt(lambda: self._publish_frames(controller, tick, state), "/tf")
 
     def _publish_arm(self, controller: Controller, tick: Tick | None, state: State) -> None:

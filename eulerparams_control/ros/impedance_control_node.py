@@ -20,7 +20,6 @@ from eulerparams_control.messages.from_ros import shown
 from eulerparams_control.messages.keys import WRENCH_FRAME
 from eulerparams_control.messages.to_ros import impedance_to_ros
 from eulerparams_control.motion.frames import Placement
-from eulerparams_control.parameters.common import LATEST
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.commands import ImpedancePublisher
@@ -52,7 +51,7 @@ class ImpedanceControlNode(ControlNode):
         super().__init__()
 
     def _subscribe(self) -> None:
-        self._sensor = WrenchInput(self.time, self._params)
+        self._sensor = WrenchInput(self._input, self._params)
         self._placements: dict[str, Placement] = {}
         self._pressing = TargetWrench(self._input)
         self._impedance = ImpedancePublisher[ComplianceLaw](
@@ -133,11 +132,7 @@ class ImpedanceControlNode(ControlNode):
         try:
             refuse_two_publishers(self, self._wrench)
             placement = self._placement(msg.header.frame_id)
-            # in real time, but for lock-step, what repeats itself is a driver that is stuck
-            lockstep = self.time.is_simulated or self._params.wrench_pairing != LATEST
-            may_repeat = lockstep and not self._input.is_commanded
-            waits = may_repeat and self._input.repeats
-            self._sensor.take(msg, placement, may_repeat=may_repeat, waits=waits)
+            self._sensor.take(msg, placement)
         except InvalidMessageError as error:
             self._sensor.refuse(msg)
             self._health.reject("wrench", error)

@@ -32,7 +32,6 @@ from eulerparams_control.ros.diagnostics import ERROR, OK, WARN, Values
 from eulerparams_control.ros.parameters import declare
 from eulerparams_control.ros.qos import overridable
 from eulerparams_control.ros.real_time import claim
-from eulerparams_control.ros.ros_time import RosTime
 from eulerparams_control.ros.state_input import StateInput
 
 LONGEST = 3.0
@@ -54,8 +53,7 @@ class ManagedNode(LifecycleNode):
         super().__init__(self.parameters_type.scheme.name)
         p = self._params = declare(self, self.parameters_type, self._on_change)
         self.refuse_unless_simulated(p)
-        self.time = RosTime(self)
-        self._input = StateInput(self, self.time, p.state_timeout, self._on_dispute)
+        self._input = StateInput(self, p.state_timeout, self._on_dispute)
         self._health = ControlReport(self, p, self._input)
         claim(p, self._health)
         self._robot: Robot | None = None
@@ -85,7 +83,7 @@ class ManagedNode(LifecycleNode):
 
     def refusal(self) -> str:
         """Return why the arm must not be controlled yet; "" if it may."""
-        return self._input.motion(self._robot) if self._robot else ""
+        return self._input.motion() if self._robot else ""
 
     def values_now(self) -> Values:
         """Return what /diagnostics shows once a second, whether there are ticks or not."""
@@ -190,10 +188,9 @@ class ManagedNode(LifecycleNode):
             joints = ", ".join(robot.joints)
             text = f"not activated: no valid joint_states yet; expected the joints {joints}"
             return self._fail(text, Cause.NO_STATES)
-        self.time.look()
         try:
             self._refuse_while_ending()
-            if not self.time.is_simulated and self._input.is_stale:
+            if not self._input.is_simulated and self._input.is_silent:
                 raise ConfigurationError("joint_states has stopped; is the robot running?")
             if reason := self.refusal():
                 raise ConfigurationError(reason)
@@ -289,7 +286,7 @@ class ManagedNode(LifecycleNode):
         if self._robot is not None and self._input.measured is not None:
             if (why := self.doubt()).fault:
                 self._fail_for(why)
-            elif not self._input.are_believed():
+            elif not self._input.source.look(steady.now()):
                 pass  # a second look at who publishes the states comes first
             elif reason := self.refusal():
                 text = f"not activated yet: {reason}"

@@ -27,10 +27,7 @@ def with_info(callback: Callable[[Any, Mapping[str, Any]], None]) -> Callable[..
 
 
 def deserialized[M](data: bytes, kind: type[M]) -> M:
-    """Return a message of a raw subscription; raises InvalidMessageError if it is broken.
-
-    One that is broken would end a node that subscribes to it otherwise.
-    """
+    """Return a message of a raw subscription; where that is not raw a broken one ends the node."""
     try:
         return deserialize_message(data, kind)
     except rclpy_implementation.RMWError as error:

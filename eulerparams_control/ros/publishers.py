@@ -1,9 +1,7 @@
 """Publishers of a topic: who they are, and whether they are heard."""
 
-from collections.abc import Iterator, Mapping
-
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
@@ -26,9 +24,8 @@ def names_of_publishers(node: Node, topic: str) -> list[str]:
 
 
 def _name_of(info: TopicEndpointInfo) -> str:
-    if info.node_name == UNKNOWN_NAME:
-        return ""
-    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+    is_known = info.node_name != UNKNOWN_NAME
+    return f"{info.node_namespace.rstrip('/')}/{info.node_name}" if is_known else ""
 
 
 def rivals(node: Node, topic: str) -> list[str]:
@@ -44,10 +41,7 @@ def rivals(node: Node, topic: str) -> list[str]:
 
 
 def refuse_two_publishers(node: Node, subscription: Subscription | None) -> None:
-    """Raise InvalidMessageError, naming them, if nodes of two names publish what is taken.
-
-    One whose QoS does not match counts, too.
-    """
+    """Raise InvalidMessageError if nodes of two names publish what a node takes."""
     if subscription is not None and (names := rivals(node, subscription.topic_name)):
         raise InvalidMessageError(
             f"two publishers on '{subscription.topic_name.lstrip('/')}': {', '.join(names)}; "
@@ -60,38 +54,23 @@ def unheard(node: Node, subscription: Subscription) -> Why:
     topic, wanted = subscription.topic_name, subscription.qos_profile
     if node.count_publishers(topic) <= subscription.get_publisher_count():
         return Why()
-    found: dict[tuple[str, str, str], list[str]] = {}
-    for info in node.get_publishers_info_by_topic(topic):
-        for mismatch in _mismatches(info.qos_profile, wanted):
-            found.setdefault(mismatch, []).append(_name_of(info) or "a node")
+    infos, faults, remedies = node.get_publishers_info_by_topic(topic), [], []
+    for policy, (less, more) in _LESS.items():
+        names = [_name_of(info) for info in infos if getattr(info.qos_profile, policy) == less]
+        if names and getattr(wanted, policy) == more:
+            faults.append(
+                f"{listed(names)} {'publishes' if len(names) == 1 else 'publish'} {topic} with the "
+                f"{policy} {less.short_key}, but it is read with {more.short_key}: nothing comes"
+            )
+            remedies.append(qos_remedy(node.get_fully_qualified_name(), topic, policy))
     # none is found of one that was discovered a moment ago
-    return incompatible(topic, node.get_fully_qualified_name(), found) if found else Why()
+    return Why(Cause.INCOMPATIBLE_QOS, "; ".join(faults), "; ".join(remedies)) if faults else Why()
 
 
-def incompatible(topic: str, reader: str, found: Mapping[tuple[str, str, str], list[str]]) -> Why:
-    """Return why nothing is received of publishers.
-
-    Args:
-        topic: its full name.
-        reader: the node that reads it.
-        found: the names of the publishers by a policy, what they offer and what is asked for.
-    """
-    faults = [
-        f"{listed(names)} {'publishes' if len(names) == 1 else 'publish'} {topic} with the "
-        f"{policy} {offered}, but it is read with {asked}: nothing of it is received"
-        for (policy, offered, asked), names in found.items()
-    ]
-    remedies = [
-        f"set the parameter qos_overrides.{topic}.subscription.{policy} to {offered} at the start "
-        f"of {reader}, or let the publisher offer {asked}"
-        for policy, offered, asked in found
-    ]
-    return Why(Cause.INCOMPATIBLE_QOS, "; ".join(faults), "; ".join(remedies))
-
-
-def _mismatches(offered: QoSProfile, asked: QoSProfile) -> Iterator[tuple[str, str, str]]:
-    """Yield the policies in which less is offered than asked: name, offered, asked."""
-    for policy, less in _LESS.items():
-        both = getattr(offered, policy), getattr(asked, policy)
-        if both == less:
-            yield policy, both[0].short_key, both[1].short_key
+def qos_remedy(reader: str, topic: str, policy: str) -> str:
+    """Return what lets a node receive what is published with less of a policy than it asks for."""
+    less, more = _LESS[policy]
+    return (
+        f"set the parameter qos_overrides.{topic}.subscription.{policy} to {less.short_key} at the "
+        f"start of {reader}, or let the publisher offer {more.short_key}"
+    )

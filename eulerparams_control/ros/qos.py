@@ -10,10 +10,7 @@ QOS = QoSProfile(depth=10)  # reliable, volatile
 QOS_STREAM = QoSProfile(depth=1000)  # what publishers keep for readers that lag, a recorder say
 QOS_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 _OVERRIDES = QoSOverridingOptions(
-    (
-        *(QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH),
-        *(QoSPolicyKind.RELIABILITY, QoSPolicyKind.DURABILITY),
-    )
+    [QoSPolicyKind[name] for name in ("HISTORY", "DEPTH", "RELIABILITY", "DURABILITY")]
 )
 
 

@@ -11,6 +11,9 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from eulerparams_control.control.mode import Why, contested, replaced
+from eulerparams_control.errors import InvalidMessageError, listed
+
 UNNUMBERED = 2**64 - 1
 """The number of a message where the middleware does not tell it."""
 
@@ -39,15 +42,10 @@ class Senders:
     """Tells apart who sends, by the numbers of the messages.
 
     One is listened to, the accepted one; a second one is not, until the first has been silent for
-    ``pause``.  If the first speaks again within ``pause`` of the second, or they take turns
-    with longer pauses, both are sending: the robot is contested, and nobody is accepted until
-    all but one have been silent for ``quiet``.
-
-    Args:
-        pause: [s].
-        quiet: [s].
-        at_once: accept a newcomer without waiting for the silence of the first.
-        lost: more messages in a row are not lost on the way.
+    ``pause`` [s], unless newcomers are accepted ``at_once``.  If the first speaks again within
+    ``pause`` of the second, or they take turns with longer pauses, both are sending: the robot is
+    contested, and nobody is accepted until all but one have been silent for ``quiet`` [s].
+    More messages in a row than ``lost`` are not lost on the way.
 
     Attributes:
         contested: whether two are sending.
@@ -132,13 +130,19 @@ class Source:
     dispute, none is; afterwards the one that was believed before is believed again, another one
     only when it is accepted: the states of a stranger may be those that are left.
 
+    Args:
+        publishers: returns the names of the nodes that publish the states, one a publisher.
+        on_dispute: called when ``dispute`` has changed.
+
     Attributes:
         is_believed: whether something may be commanded that is made from the states.
-        is_disputed: whether two speak, or the one that is left was not believed before.
-        is_numbered: whether the middleware numbers the messages.
+        dispute: two speak, or the one that is left was not believed before; else Why().
     """
 
-    def __init__(self) -> None:
+    def __init__(
+        self, publishers: Callable[[], Sequence[str]], on_dispute: Callable[[Why], None]
+    ) -> None:
+        self._publishers, self._on_dispute = publishers, on_dispute
         self._senders = Senders(LOOK, QUIET, at_once=False, lost=_LOST_STATES)
         self.forget()
 
@@ -148,65 +152,83 @@ class Source:
         self._one: object = None  # who is listened to
         self._before: object = None  # who was believed before the dispute
         self._due, self._looked_long = math.inf, False
-        self.is_believed = self.is_disputed = self.is_numbered = False
+        self.is_believed, self.dispute = False, Why()
 
-    @property
-    def is_contested(self) -> bool:
-        """Whether two speak now; else a dispute may be ended by :meth:`accept`."""
-        return self._senders.contested or not self.is_numbered
-
-    def hear(self, number: int, now: float) -> bool:
-        """Return whether the state of this number that came at ``now`` [s] may be looked at."""
-        senders = self._senders
-        is_accepted, one = senders.hear(number, now), senders.accepted
-        if senders.contested:
-            self._dispute(math.inf)
-            return False
-        self.is_numbered = one is not None
+    def hear(self, number: int, now: float) -> None:
+        """Raise InvalidMessageError if a state that came at ``now`` [s] is another publisher's."""
+        is_accepted, one = self._senders.hear(number, now), self._senders.accepted
+        if self._senders.contested:
+            self._begin_dispute(math.inf)
+        elif is_accepted and self.dispute.fault and one is not None:
+            is_accepted = self._before in (None, one)
+            if is_accepted:
+                self._listen_to(one, now, is_known=True)
+        elif is_accepted and (self._due == math.inf or one is not self._one):
+            self._listen_to(one, now + LOOK)
         if not is_accepted:
-            return False
-        if self.is_disputed and self.is_numbered:
-            if self._before not in (None, one):
-                return False
-            self._believe(one, now, is_sure=True)
-        elif self._due == math.inf or one is not self._one:
-            self._believe(one, now + LOOK)
-        return True
+            other = "another publisher of joint_states is listened to"
+            raise InvalidMessageError(self.dispute.fault or other)
 
     def contradict(self, now: float) -> None:
         """Note that what came at ``now`` [s] cannot be of the robot of the state before."""
-        if self.is_believed or self.is_disputed:
-            self._dispute(now + QUIET)
+        if self.is_believed or self.dispute.fault:
+            self._begin_dispute(now + QUIET)
         else:
             self._due = now + LOOK
 
-    def look(self, now: float, has_several: Callable[[], bool]) -> bool:
-        """Return whether the states are believed at ``now`` [s], steady clock.
+    def see_contest(self, now: float) -> None:
+        """Note that states go on contradicting each other: without numbers nothing else tells."""
+        if self._senders.accepted is None and len(self._publishers()) > 1:
+            self.contradict(now)
 
-        ``has_several`` returns whether the graph shows several publishers.
-        """
-        if self.is_believed:
-            return True
-        if now < self._due or (self.is_disputed and self.is_numbered):
-            return False
-        if not self.is_disputed and not self._looked_long and has_several():
+    def look(self, now: float) -> bool:
+        """Return whether the states are believed at ``now`` [s], steady clock."""
+        if self.is_believed or now < self._due:
+            return self.is_believed
+        if not (self._looked_long or self.dispute.fault) and len(self._publishers()) > 1:
             self._due, self._looked_long = self._due + LONG_LOOK - LOOK, True
-            return self.look(now, has_several)
-        self.is_believed, self.is_disputed = True, False
-        return True
+        if now >= self._due:
+            self.is_believed = True
+            self._tell(Why())
+        return self.is_believed
 
     def accept(self, now: float) -> None:
-        """Believe the one that is left, although it was not believed before the dispute."""
-        if self.is_disputed and not self.is_contested:
-            self._believe(self._senders.accepted, now, is_sure=True)
+        """Believe the one that a dispute has left; raises InvalidMessageError if two are."""
+        if self.dispute.fault and self._senders.accepted is not None:
+            self._listen_to(self._senders.accepted, now, is_known=True)
+        self.review()
+        self.refuse_in_dispute()
 
-    def _believe(self, one: object, due: float, *, is_sure: bool = False) -> None:
-        """Listen to one, and believe it from a time on [s], without a longer look if it is sure."""
-        self._one, self._due, self._looked_long = one, due, is_sure
-        self.is_believed = self.is_disputed = False
+    def refuse_in_dispute(self) -> None:
+        """Raise InvalidMessageError while it is not known whose the states are."""
+        if self.dispute.fault:
+            raise InvalidMessageError(f"{self.dispute.fault}; {self.dispute.remedy}")
 
-    def _dispute(self, due: float) -> None:
+    def review(self) -> None:
+        """Look again who publishes the states, if that is in dispute."""
+        if not self.dispute.fault:
+            return
+        names = self._publishers()
+        if self._senders.accepted is not None:
+            self._tell(replaced(listed(names)))
+        elif len(names) > 1:  # else one has ended, but is named still
+            self._tell(contested(listed(names)))
+
+    def _listen_to(self, one: object, due: float, *, is_known: bool = False) -> None:
+        """Believe one from a time on [s], without a longer look if it is known."""
+        self._one, self._due, self._looked_long = one, due, is_known
+        self.is_believed = False
+        self._tell(Why())
+
+    def _begin_dispute(self, due: float) -> None:
         """Believe nobody until a time [s]."""
         if self.is_believed:
             self._before = self._one
-        self.is_believed, self.is_disputed, self._due = False, True, due
+        self.is_believed, self._due = False, due
+        if not self.dispute.fault:
+            self._tell(contested(listed(self._publishers())))
+
+    def _tell(self, dispute: Why) -> None:
+        if dispute != self.dispute:
+            self.dispute = dispute
+            self._on_dispute(dispute)

@@ -146,7 +146,7 @@ class Leaders:
     @property
     def _now(self) -> float | None:
         """When a message came [s], steady clock; None where the stamps count."""
-        return None if self._node.time.is_simulated else steady.now()
+        return None if self._states.is_simulated else steady.now()
 
     def _carrier(self, controller: Controller, msg: Any) -> Placement:
         """Return where the frame of a message is at its receipt, seen from the base."""

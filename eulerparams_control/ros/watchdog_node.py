@@ -1,6 +1,7 @@
 """The node ``watchdog``: ``joint_effort`` to a driver without a timeout, or what brakes the arm."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -11,9 +12,9 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from eulerparams_control.control.clock import steady
-from eulerparams_control.control.mode import Why, contested, replaced
+from eulerparams_control.control.mode import Why
 from eulerparams_control.control.watch import Watch, WatchMode
-from eulerparams_control.errors import EulerParamsError, InvalidMessageError, listed
+from eulerparams_control.errors import EulerParamsError, InvalidMessageError
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand
 from eulerparams_control.messages.from_ros import LARGEST_COMMAND, JointReader, JointStateReader
@@ -47,13 +48,14 @@ class WatchdogNode(Node):
         self._health = diagnostics.Health(self)
         p = self._params = declare(self, self.parameters_type)
         self._watch: Watch | None = None
-        self._source, self._dispute = Source(), Why()  # of joint_states
-        self._health.check = self._see_dispute
+        publishers = partial(names_of_publishers, self, "joint_states")
+        self._source = Source(publishers, self._on_dispute)
+        self._health.check = self._source.review
         if p.robot_description:
             self._set_robot(p.robot_description)
         else:
-            take, latched = self._on_urdf, overridable(QOS_LATCHED)
-            self.create_subscription(String, "robot_description", take, **latched)
+            latched = overridable(QOS_LATCHED)
+            self.create_subscription(String, "robot_description", self._on_urdf, **latched)
             text = "waiting for a robot description"
             self._health.set(diagnostics.OK, text, mode=WatchMode.WAITING)
         self.create_service(Trigger, "~/resume", self._on_resume)
@@ -73,12 +75,11 @@ class WatchdogNode(Node):
         self._reader = JointStateReader(robot.joints, needs_velocity=True)
         self._driver = CommandPublisher(self, "driver_effort", kind, robot.joints)
         self._watch, self._stamp = Watch(robot, self._params), Time()
-        take_effort, take_state = self._on_effort, with_info(self._on_state)
         self._efforts = self.create_subscription(
-            JointState, "joint_effort", take_effort, **overridable(QOS)
+            JointState, "joint_effort", self._on_effort, **overridable(QOS)
         )
         self._states = self.create_subscription(
-            JointState, "joint_states", take_state, **overridable(QOS)
+            JointState, "joint_states", with_info(self._on_state), **overridable(QOS)
         )
         self._send(None)
 
@@ -97,39 +98,21 @@ class WatchdogNode(Node):
         assert self._watch is not None
         if not self._reader.concerns(msg):  # a gripper's, say
             return
+        now = steady.now()
         try:
-            self._believe(info[NUMBER])
+            self._source.hear(info[NUMBER], now)
             _, q, dq = self._reader.from_ros(msg)
         except InvalidMessageError as error:
             self._health.reject("joint_states", error)
             return
         self._stamp = msg.header.stamp
-        if self._source.look(steady.now(), self._has_several):
-            self._send(self._watch.state(q, dq, steady.now()))
+        if self._source.look(now):
+            self._send(self._watch.state(q, dq, now))
 
-    def _believe(self, number: int) -> None:
-        """Raise InvalidMessageError unless a state of this number may be that of the arm."""
-        is_heard = self._source.hear(number, steady.now())
-        if self._source.is_disputed is not bool(self._dispute.fault):
-            self._see_dispute()
-        if self._source.is_disputed:
-            assert self._watch is not None
+    def _on_dispute(self, dispute: Why) -> None:
+        if self._watch is not None and dispute.fault:
             self._watch.lose_sight()
-            self._send(self._watch.look(steady.now()))
-        if not is_heard:
-            raise InvalidMessageError(
-                self._dispute.fault or "another publisher of joint_states is listened to"
-            )
-
-    def _see_dispute(self) -> None:
-        """Look who publishes joint_states, if that is in dispute."""
-        self._dispute = Why()
-        if self._source.is_disputed:
-            names = listed(names_of_publishers(self, self._states.topic_name))
-            self._dispute = (contested if self._source.is_contested else replaced)(names)
-
-    def _has_several(self) -> bool:
-        return bool(self.count_publishers(self._states.topic_name) > 1)
+        self._look()
 
     def _look(self) -> None:
         if self._watch is not None:
@@ -141,22 +124,17 @@ class WatchdogNode(Node):
         if tau is not None:
             self._driver.publish(self._stamp, JointCommand(effort=tau))
         text, remedy = SAYS[self._watch.mode]
-        why, cause = Why(), ""
-        if self._dispute.fault:
-            why = self._dispute
-        elif self._watch.mode in (WatchMode.WAITING, WatchMode.BLIND):
+        why = self._source.dispute
+        if not why.fault and self._watch.mode in (WatchMode.WAITING, WatchMode.BLIND):
             why = unheard(self, self._states)
         if why.fault:
-            text, remedy, cause = f"{why.fault}: {text}", why.remedy, why.cause
+            text, remedy = f"{why.fault}: {text}", why.remedy
         level = diagnostics.ERROR if remedy else diagnostics.OK
-        self._health.set(level, text, remedy, mode=self._watch.mode, cause=cause)
+        self._health.set(level, text, remedy, mode=self._watch.mode, cause=why.cause)
 
     def _on_resume(self, _request: Trigger.Request, answer: Trigger.Response) -> Trigger.Response:
         try:
             self._source.accept(steady.now())
-            self._see_dispute()
-            if why := self._dispute.fault:
-                raise InvalidMessageError(f"not resumed: {why}")
             if self._watch is not None:
                 self._watch.resume(steady.now())
                 self._send(None)

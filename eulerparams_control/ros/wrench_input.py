@@ -16,7 +16,7 @@ from eulerparams_control.messages.from_ros import ns_from_ros, wrench_from_ros
 from eulerparams_control.motion.frames import Placement
 from eulerparams_control.parameters.common import LATEST
 from eulerparams_control.parameters.impedance_control import ImpedanceParameters
-from eulerparams_control.ros.ros_time import RosTime
+from eulerparams_control.ros.state_input import StateInput
 
 STUCK = Why(
     Cause.WRENCH_STUCK,
@@ -35,12 +35,11 @@ def lost(note: str) -> Why:
 _GAPS, _WITHIN, _TIMEOUTS = 3, 5.0, 50.0
 
 
-def too_rare(rate: float, gap: float, timeout: float) -> Why:
-    """Return why wrenches are not believed that come at a rate [1/s] with gaps [s]."""
+def too_rare(gap: float, timeout: float) -> Why:
+    """Return why wrenches are not believed that come with gaps [s]."""
     return Why(
         Cause.WRENCH_RATE_TOO_LOW,
-        note=f"the wrench comes {rate:.3g} times a second, with gaps of up to {gap:.3g} s, but "
-        f"wrench_timeout is {timeout:g} s",
+        note=f"the wrench has gaps of up to {gap:.3g} s, but wrench_timeout is {timeout:g} s",
         remedy=f"let the sensor publish {2 / timeout:.3g} times a second or more, or set "
         f"wrench_timeout to {2 * gap:.2g} s",
     )
@@ -53,13 +52,12 @@ class WrenchInput:
     pairing by the stamp a state waits for its wrench; for half the timeout in real time.
 
     Attributes:
-        fresh: the wrench chosen last; None while there is none to be believed.
-        trouble: why there is none; Why() if there is.
+        trouble: why there is no wrench to be believed, as of the last state; Why() if there is.
         repeats: whether the last message said the same as the one before, stamp included.
     """
 
-    def __init__(self, time: RosTime, parameters: ImpedanceParameters) -> None:
-        self._time, self._timeout = time, parameters.wrench_timeout
+    def __init__(self, states: StateInput, parameters: ImpedanceParameters) -> None:
+        self._states, self._timeout = states, parameters.wrench_timeout
         self._is_paired = parameters.wrench_pairing != LATEST
         self._within = max(_WITHIN, _TIMEOUTS * self._timeout)
         self._latency = Latency(parameters.max_latency)
@@ -68,41 +66,40 @@ class WrenchInput:
     def forget(self) -> None:
         """Start again: no wrench has come."""
         self._latency.forget()
-        self.repeats = False
-        self.fresh: SensedWrench | None = None
+        self.repeats = self._is_new = False
         self._last: SensedWrench | None = None
         self._stamp = self._refused = -1  # [ns]
         self._may_go_back = False  # the stamp of the next one
         self._received = self._paired = -math.inf  # steady clock [s]
-        self._is_new = False
-        self._gaps: deque[tuple[float, float, int]] = deque(maxlen=_GAPS)
-        self._count = 0
+        self._gaps: deque[tuple[float, float]] = deque(maxlen=_GAPS)  # when they ended, and [s]
         self._stuck = StuckSensor()
         self.trouble = lost("no valid wrench yet; is the force/torque sensor running?")
+
+    @property
+    def fresh(self) -> SensedWrench | None:
+        """The last wrench; None while there is none to be believed."""
+        return None if self.trouble.note else self._last
 
     def set_back(self) -> None:
         """Expect older stamps: the clock of the robot was set back, and may be that of both."""
         self._latency.forget()
         self._may_go_back = True
 
-    def take(self, msg: Any, sensor: Placement, *, may_repeat: bool, waits: bool) -> None:
-        """Take a message of a sensor.
-
-        Args:
-            msg: the message.
-            sensor: where the sensor is, seen from the tip.
-            may_repeat: whether a simulator may wait, and repeat itself until it is answered.
-            waits: whether it does: its joint_states repeat, too.
+    def take(self, msg: Any, sensor: Placement) -> None:
+        """Take a message of a sensor that is there, seen from the tip.
 
         Raises:
             InvalidMessageError: if a value is not finite, the stamp repeats or goes back, or it
                 comes late: what was felt a while ago pushes the arm the wrong way.
         """
-        w = wrench_from_ros(msg, msg.header.frame_id)
+        w, last, states = wrench_from_ros(msg, msg.header.frame_id), self._last, self._states
         stamp, now = ns_from_ros(msg.header.stamp), steady.now()
-        last, self.repeats = self._last, may_repeat and 0 < stamp == self._stamp
+        # in real time, but for lock-step, what repeats itself is a driver that is stuck; a
+        # simulator may repeat itself while it waits for its first answer
+        may_repeat = (states.is_simulated or self._is_paired) and not states.is_commanded
+        self.repeats = may_repeat and 0 < stamp == self._stamp
         if self.repeats and last is not None and np.array_equal(w, last.w):
-            if waits:
+            if states.repeats:
                 self._received, self._is_new = now, True
             return
         # after a while without any a clock may have been set back
@@ -112,32 +109,16 @@ class WrenchInput:
                 f"the stamp {stamp / 1e9:.3f} s comes after {self._stamp / 1e9:.3f} s; is the "
                 "sensor stuck, or is there a second one?"
             )
-        if stamp > 0 and not self._time.is_simulated:
+        if stamp > 0 and not states.is_simulated:
             self._refuse_late(stamp, now)
         if stamp < self._stamp:
             self._gaps.clear()  # a simulation that started again
-        self._see_gap(stamp, now)
+        t = self._seconds(stamp, now)
+        gap = t - self._seconds(self._stamp, self._received)
+        if last is not None and self._timeout < gap < self._within:  # else a jump
+            self._gaps.append((t, gap))
         self._last, self._stamp, self._received = SensedWrench(w, sensor), stamp, now
         self._is_new, self._may_go_back = True, False
-
-    def _see_gap(self, stamp: int, now: float) -> None:
-        """Remember a gap before the wrench stamped so [ns] that came at ``now`` [s]."""
-        t, before = now, self._received
-        if self._time.is_simulated:
-            t, before = stamp / 1e9, self._stamp / 1e9
-        self._count += 1
-        if self._last is not None and self._timeout < t - before < self._within:  # else a jump
-            self._gaps.append((t, t - before, self._count))
-
-    def _is_too_rare(self, t: int) -> bool:
-        """Return whether there were several gaps of late, at the stamp t [ns] of a state."""
-        now = t / 1e9 if self._time.is_simulated else steady.now()
-        return len(self._gaps) == _GAPS and 0 <= now - self._gaps[0][0] < self._within
-
-    def _too_rare(self) -> Why:
-        (first, _, before), (last, _, count) = self._gaps[0], self._gaps[-1]
-        rate, gap = (count - before) / (last - first), max(gap for _, gap, _ in self._gaps)
-        return too_rare(rate, gap, self._timeout)
 
     def _refuse_late(self, stamp: int, now: float) -> None:
         """Raise InvalidMessageError for a wrench that comes too late to control by."""
@@ -154,51 +135,47 @@ class WrenchInput:
         """Note that a message was refused: the state of its stamp need not wait for another."""
         self._refused = ns_from_ros(msg.header.stamp)
 
-    def _lacks(self, t: int) -> bool:
-        """Whether the wrench of the state stamped t [ns] has not come, and counts."""
-        return self._is_paired and t not in (self._stamp, self._refused)
-
-    def _waited(self) -> bool:
-        return steady.now() - self._paired > self._timeout / 2
-
     def is_complete(self, t: int) -> bool:
         """Whether the wrench of the state stamped t [ns] is there, or is not to be expected."""
         if self._last is None or not self._lacks(t):
             return True
-        return self._age(t) > self._timeout / 2 if self._time.is_simulated else self._waited()
+        since = self._age(t) if self._states.is_simulated else steady.now() - self._paired
+        return since > self._timeout / 2
 
     def choose(self, t: int, q: Array, limits: JointLimits) -> bool:
-        """Choose ``fresh`` for a state; return whether it is a new one.
-
-        Args:
-            t: stamp of the state [ns].
-            q: (n,) measured.
-            limits: of the joints.
-        """
+        """Choose the wrench for a state stamped t [ns] at q (n,); return whether it is new."""
         is_new, self._is_new = self._is_new, False
         if not self._lacks(t):
             self._paired = steady.now()
         if self._last is None:
             return False
         is_stuck = self.trouble.cause is Cause.WRENCH_STUCK
-        if is_new and not self._time.is_simulated:  # what is simulated may repeat itself
+        if is_new and not self._states.is_simulated:  # what is simulated may repeat itself
             is_stuck = self._stuck.update(self._last.w, q, steady.now(), limits)
         self.trouble = self._trouble(t, is_stuck=is_stuck)
-        self.fresh = None if self.trouble.note else self._last
         return is_new and not self.trouble.note
 
     def _trouble(self, t: int, *, is_stuck: bool) -> Why:
-        if self._is_too_rare(t):
-            is_said = self.trouble.cause is Cause.WRENCH_RATE_TOO_LOW
-            return self.trouble if is_said else self._too_rare()  # one text, though it varies
+        now = self._seconds(t, steady.now())
+        if len(self._gaps) == _GAPS and 0 <= now - self._gaps[0][0] < self._within:
+            if self.trouble.cause is Cause.WRENCH_RATE_TOO_LOW:
+                return self.trouble  # one text, though it varies
+            return too_rare(max(gap for _, gap in self._gaps), self._timeout)
         if self._age(t) > self._timeout:
             return lost(f"no valid wrench within {self._timeout:g} s; is the sensor running?")
-        if self._lacks(t) and not self._time.is_simulated and self._waited():
+        if self._lacks(t) and not self._states.is_simulated and self.is_complete(t):
             return lost("no wrench has the stamp of joint_states; set wrench_pairing: latest")
         return STUCK if is_stuck else Why()
 
+    def _lacks(self, t: int) -> bool:
+        """Whether the wrench of the state stamped t [ns] has not come, and counts."""
+        return self._is_paired and t not in (self._stamp, self._refused)
+
     def _age(self, t: int) -> float:
         """Return the age [s] of the last wrench at the stamp t [ns]."""
-        if self._time.is_simulated:
-            return abs(t - self._stamp) / 1e9
-        return steady.now() - self._received
+        now, then = self._seconds(t, steady.now()), self._seconds(self._stamp, self._received)
+        return abs(now - then)
+
+    def _seconds(self, stamp: int, receipt: float) -> float:
+        """Return the time [s] that counts."""
+        return stamp / 1e9 if self._states.is_simulated else receipt
