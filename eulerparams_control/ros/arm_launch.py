@@ -31,10 +31,7 @@ ARGUMENTS = (
 )
 """Arguments of bringup that an arm fills where they are empty."""
 
-_EXAMPLES = {
-    "topics": "{wrench: /sensor/wrench}",
-    "parameters": "{watchdog: {timeout: 0.1}}",
-}
+_EXAMPLES = {"topics": "{wrench: /sensor/wrench}", "parameters": "{watchdog: {timeout: 0.1}}"}
 _TOPICS = (  # between nodes, besides those of the schemes
     *("driver_effort", "external_wrench", "robot_description"),
     *("target_pose", "target_stiffness", "target_twist", "target_wrench"),
@@ -73,9 +70,7 @@ def arm_launch(file: str) -> Any:
 def load_arm(name_or_path: str) -> RealArm:
     """Return the arm of ``config/robots/real/<name>.yaml``, or of a path to such a file.
 
-    Raises:
-        UnknownNameError: if there is no such arm; lists those that exist.
-        ConfigurationError: if its file cannot be read, or something in it is impossible.
+    Raises ConfigurationError if there is no such arm, or something in its file is impossible.
     """
     path = Path(name_or_path)
     if path.suffix != ".yaml":
@@ -103,13 +98,10 @@ def load_arm(name_or_path: str) -> RealArm:
 
 
 def _argument(name: str, value: Any) -> str:
-    if name == "watchdog":
-        if not isinstance(value, bool):
-            raise ConfigurationError(f"{name} is {value!r}; expected true or false")
-        return str(value).lower()
-    if not isinstance(value, str):
-        raise ConfigurationError(f"{name} is {value!r}; expected a name")
-    return value
+    kind, expected = (bool, "true or false") if name == "watchdog" else (str, "a name")
+    if not isinstance(value, kind):
+        raise ConfigurationError(f"{name} is {value!r}; expected {expected}")
+    return str(value).lower() if kind is bool else str(value)
 
 
 def read_argument(name: str, text: str) -> dict[str, Any]:
@@ -141,18 +133,11 @@ def parameters_of(given: Any) -> Parameters:
 
 
 def parameters_of_file(path: str, namespace: str, controllers: Collection[str]) -> Parameters:
-    """Return what a parameter file of ROS has for nodes, checked.
+    """Return what a parameter file of ROS has for nodes in a namespace, checked.
 
-    A section whose last part is a wildcard is for the controllers.  One that has no namespace
-    counts in each.
-
-    Args:
-        path: of the file.
-        namespace: of the nodes.
-        controllers: those that are started.
-
-    Raises:
-        ConfigurationError: if it cannot be read, is for no node, or something in it is impossible.
+    A section whose last part is a wildcard is for the ``controllers``, those that are started.  One
+    that has no namespace counts in each.  Raises ConfigurationError if the file cannot be read, is
+    for no node, or something in it is impossible.
     """
     nodes, found = {*_OTHERS, *schemes()}, list[Parameters]()
     try:
