@@ -16,7 +16,7 @@ from eulerparams_control.events import Event, tell
 from eulerparams_control.messages.from_ros import JointStateReader, ns_from_ros
 from eulerparams_control.messages.keys import LifecycleCause, WorkMode
 from eulerparams_control.messages.to_ros import motion_to_ros, stamp_to_ros, wrench_to_ros
-from eulerparams_control.motion.trajectories import Trajectory
+from eulerparams_control.motion.trajectories import Circle, Trajectory
 from eulerparams_control.parameters.course import Course
 from eulerparams_control.parameters.reference import ReferenceParameters
 from eulerparams_control.robot.robot import Robot
@@ -75,10 +75,9 @@ class ReferenceNode(Node):
         self._params = declare(self, self.parameters_type)
         p = self._params
         p.refuse_endless()
-        self._pending = p.motion != "none"
-        # refuse now what the start of the motion would refuse
-        self._way_points = p.way_points() if p.motion == "way_points" else None
-        self._circle = p.circle() if p.motion == "circle" else None
+        motions = {"none": lambda: None, "way_points": p.way_points, "circle": p.circle}
+        self._motion: Trajectory | Circle | None = motions[p.motion]()  # refused now, not later
+        self._pending = self._motion is not None
         self._robot: Robot | None = None
         self._latest, self._names = b"", list[bytes]()  # joint_states, and the joints of the arm
         self._sent, self._lasting = 0, 0  # [ns] of the motion
@@ -168,7 +167,7 @@ class ReferenceNode(Node):
         publishers = self._publisher, *(stream.publisher for stream in self._streams)
         there = min(publisher.get_subscription_count() for publisher in publishers)
         wanted = self._params.wait_for_subscribers
-        if self._params.motion == "none":
+        if self._motion is None:
             raise InvalidMessageError("the parameter motion is none")
         if self._robot is None:
             raise InvalidMessageError("no robot description yet: is the robot running?")
@@ -176,17 +175,13 @@ class ReferenceNode(Node):
             raise InvalidMessageError(
                 f"waiting for {wanted} subscribers of reference, {there} are there"
             )
-        if self._way_points is not None:
-            self._send(self._way_points)
-        elif self._circle is not None:
+        trajectory = self._motion
+        if isinstance(trajectory, Circle):
             measured = self._last(self._reader.from_ros)
             if measured is None:
                 raise InvalidMessageError("no valid joint_states yet")
             arm = self._robot.state(*measured[1:])
-            self._send(self._circle.trajectory(arm.p_e, arm.R_e))
-
-    def _send(self, trajectory: Trajectory) -> None:
-        assert self._robot is not None
+            trajectory = trajectory.trajectory(arm.p_e, arm.R_e)
         msg = motion_to_ros(trajectory, self._robot.base_frame, self._robot.tip_frame)
         if len(msg.points) > _MANY:
             self._health.complain(

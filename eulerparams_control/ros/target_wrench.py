@@ -48,9 +48,6 @@ class TargetWrench:
 
     def __init__(self, states: StateInput) -> None:
         self._states = states
-        self._forget()
-
-    def _forget(self) -> None:
         self._force: Array | None = None  # (3,) [N] that was asked for last
         self._came, self._t = -math.inf, 0  # [s], [ns] of the state
         self._breaks = 0  # of the controller, when it came
@@ -90,9 +87,8 @@ class TargetWrench:
 
         A set-point counts for ``timeout`` [s], not after the arm was stopped, nor without control.
         """
-        if controller is None:
-            self._forget()
         if controller is None or self._force is None:
+            self._force = None
             return
         age = (t - self._t) / 1e9 if self._states.receipt is None else steady.now() - self._came
         may_press, scheme = controller.mode in _MAY_PRESS, _scheme(controller)
