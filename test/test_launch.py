@@ -11,6 +11,7 @@ from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
+import rclpy
 import yaml
 from in_process import World, class_of
 from ros_processes import FRAMES, HOME, UR5, Arm, Process, environment
@@ -21,7 +22,7 @@ from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.parameters.fields import from_mapping
 from eulerparams_control.parameters.schemes import COMMANDS
 from eulerparams_control.resources import config_names
-from eulerparams_control.ros.arm_launch import load_arm
+from eulerparams_control.ros.arm_launch import load_arm, parameter_files
 from eulerparams_control.ros.rviz import FEEDBACK, UPDATE
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -227,6 +228,20 @@ def test_parameters_are_merged_key_by_key_into_those_of_the_arm(launched, text, 
         assert passed(node) == passed(before[name]) | changed.get(name, {})
         assert values(node)["compensate_gravity"] is False
     assert values(after["impedance_control"])["wrench_sign"] == -1
+
+
+TEXTS = {"a": "1e-3", "b": "y", "c": "0x1F", "d": "\u00fc \U0001f600 'x' \"\n", "e": "null"}
+
+
+def test_a_text_that_looks_like_something_else_is_a_text_for_the_node_too():
+    (file,) = parameter_files({**TEXTS, "f": 1e-5, "g": [], "h": [1.0, 2.0], "i": True, "j": 3})
+    context = rclpy.Context()
+    context.init(["--ros-args", "--params-file", file])
+    node = rclpy.create_node("any", context=context)
+    found = {name: each.value for name, each in node._parameter_overrides.items()}
+    context.shutdown()
+    assert found.pop("g") in (None, [])
+    assert found == {**TEXTS, "f": 1e-5, "h": [1.0, 2.0], "i": True, "j": 3}
 
 
 @pytest.mark.parametrize("empty", ["{}", "", " "])

@@ -272,6 +272,16 @@ class ComplianceControl(EffortControl):
         """Add a force (3,) [N] on the environment, axes of the tip, until a restart or a hold."""
         self._wanted = force if force.any() else _NO_FORCE
 
+    def bounded_force(self, force: Array, R_d: Array) -> Array:
+        """Return a force (3,) [N], axes of the tip; ConfigurationError if no spring holds it."""
+        self.elasticity.refuse_force(R_d @ force, R_d)
+        return force
+
+    def release(self) -> bool:
+        """Take the force back at its rate; return False: the arm need not be held where it ends."""
+        self._wanted = _NO_FORCE
+        return False
+
     @property
     def is_pressing(self) -> bool:
         """Whether a force is added, or is to be."""
@@ -347,6 +357,10 @@ class ComplianceControl(EffortControl):
         rate, turning = self._mode
         name, K = ("K_o", self.elasticity.K_o) if turning > 0.5 else ("K_p", self.elasticity.K_p)
         return LoopGain(name, float(np.linalg.eigvalsh(K)[-1]), rate, order=2)
+
+    def stiffness(self, tick: Tick) -> tuple[Array, Array]:
+        """Return K_p at the tip."""
+        return self.elasticity.stiffness(tick.desired.R_d), tick.state.p_e
 
     def lyapunov(self, tick: Tick) -> Lyapunov:
         """Return V = u' Lambda u / 2 + U [J] with u = v - v_d, and what the dampers take [W]."""

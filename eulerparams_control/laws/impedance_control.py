@@ -45,6 +45,9 @@ _AT_ITS_END = 0.99
 # accelerations are: what is in its way is not felt.
 _LONGEST_STOP = 0.5
 
+# The part of a force that may be across the force axes.
+_ACROSS = 0.7072
+
 # Each time that the contact oscillates the damping is multiplied by this, up to so many times that
 # of the law, until the tool was free for the time [s].
 _CALMER, _CALMEST, _FREE = 3.0, 9.0, 2.0
@@ -109,6 +112,33 @@ class ImpedanceControl(Scheme):
         if not self.force.is_on:
             self.compliant.rearrange()
         self.force.press(force)
+
+    def bounded_force(self, force: Array, R_d: Array) -> Array:
+        """Return a force (3,) [N], axes of the tip, as :meth:`press` takes it, along force_axes.
+
+        Raises ConfigurationError if it cannot be exerted.
+        """
+        p, on = self.parameters, self.force.selection
+        f = self.centre.R.T @ force
+        size = norm(f)
+        if not p.inner_loop:
+            raise ConfigurationError("target_wrench needs the motion loop: set inner_loop: true")
+        if norm((1.0 - on) * f) > _ACROSS * size:
+            raise ConfigurationError(
+                f"target_wrench is {f.tolist()} N along x, y, z of the compliance; expected a "
+                f"force along force_axes {list(p.force_axes)}"
+            )
+        if size > p.max_contact_force:
+            raise ConfigurationError(
+                f"target_wrench is {size:.3g} N; at most max_contact_force "
+                f"{p.max_contact_force:g} N"
+            )
+        exerted: Array = on * f
+        return exerted
+
+    def release(self) -> bool:
+        """Return whether the arm has to be held where it presses: it does not end the force."""
+        return self.force.is_on
 
     @property
     def is_pressing(self) -> bool:
@@ -347,6 +377,14 @@ class ImpedanceControl(Scheme):
 
     def _actual(self, arm: RobotState) -> DesiredFrame:
         return DesiredFrame(arm.p_e, arm.R_e, arm.dp_e, arm.omega_e).carrying(self.centre)
+
+    def stiffness(self, tick: Tick) -> tuple[Array, Array] | None:
+        """Return K_p at the centre of compliance; None while there is no compliant frame."""
+        frame = tick.command.frame
+        if frame is None:
+            return None
+        K_p = self.compliant.law_now.stiffness(tick.desired.R_d)
+        return K_p, frame.carrying(self.centre).p_d
 
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return V_3 and its derivative, eqs. (68), (69), of the rotation of the centre."""

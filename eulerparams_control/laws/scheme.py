@@ -183,6 +183,13 @@ class Scheme(ABC):
     def last_command(self, q: Array, dq: Array) -> JointCommand:
         """Return the command that may stay for good, for an arm at rest at q, dq (n,)."""
 
+    def stiffness(self, tick: Tick) -> tuple[Array, Array] | None:
+        """Return K_p (3, 3) [N/m] of a tick, and the point (3,) [m] where it acts, base frame.
+
+        None: the scheme has none.
+        """
+        return None
+
     @abstractmethod
     def lyapunov(self, tick: Tick) -> Lyapunov | None:
         """Return the Lyapunov function of a tick; None if the representation has none."""

@@ -3,15 +3,13 @@
 ``config/robots/real/NAME.yaml`` adds an arm; such a file elsewhere is named by its path.
 """
 
-import dataclasses
+import json
 import re
 from collections.abc import Collection, Mapping
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from tempfile import NamedTemporaryFile
-from typing import Any
-
-import yaml
+from typing import Any, NamedTuple
 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError, did_you_mean
 from eulerparams_control.parameters.fields import checked, fields_of, refuse_unknown
@@ -20,10 +18,10 @@ from eulerparams_control.resources import config_file, config_names
 from eulerparams_control.ros.parameter_files import load_yaml, named_sections
 
 BRIDGE, WATCHDOG, RECORDER = "pybullet_bridge", "watchdog", "bag_recorder"
-_OTHERS = {  # the parameters of the nodes that are no controllers
-    BRIDGE: ("sim_bridge.bridge_parameters", "BridgeParameters"),
-    WATCHDOG: ("eulerparams_control.parameters.watchdog", "WatchdogParameters"),
-    RECORDER: ("eulerparams_control.bags.ros.recorder_node", "RecorderParameters"),
+_OTHERS = {  # the parameters of the nodes that are no controllers, imported where one is used
+    BRIDGE: "sim_bridge.bridge_parameters:BridgeParameters",
+    WATCHDOG: "eulerparams_control.parameters.watchdog:WatchdogParameters",
+    RECORDER: "eulerparams_control.bags.ros.recorder_node:RecorderParameters",
 }
 _FREE = ("environment.",)  # names that pybullet_bridge checks itself
 
@@ -33,37 +31,25 @@ ARGUMENTS = (
 )
 """Arguments of bringup that an arm fills where they are empty."""
 
-_EXAMPLES = {
-    "topics": "{wrench: /sensor/wrench}",
-    "parameters": "{watchdog: {timeout: 0.1}}",
-}
+_EXAMPLES = {"topics": "{wrench: /sensor/wrench}", "parameters": "{watchdog: {timeout: 0.1}}"}
 _TOPICS = (  # between nodes, besides those of the schemes
     *("driver_effort", "external_wrench", "robot_description"),
     *("target_pose", "target_stiffness", "target_twist", "target_wrench"),
 )
 _KEYS = ("description", "controllers", *ARGUMENTS, "topics", "parameters")
 
-type Parameters = dict[str, dict[str, Any]]
+type Parameters = Mapping[str, Mapping[str, Any]]
 """Parameters of nodes: by the name of the node, then by that of the parameter, with dots."""
 
 
-@dataclasses.dataclass(frozen=True)
-class RealArm:
-    """A real arm behind its driver.
+class RealArm(NamedTuple):
+    """A real arm behind its driver."""
 
-    Attributes:
-        name: of its file.
-        controllers: that can control it, the default first; empty: any.
-        arguments: of bringup, those of ``ARGUMENTS`` that it has.
-        topics: other names of topics.
-        parameters: of nodes.
-    """
-
-    name: str = ""
-    controllers: tuple[str, ...] = ()
-    arguments: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    topics: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    parameters: Parameters = dataclasses.field(default_factory=dict)
+    name: str = ""  # of its file
+    controllers: tuple[str, ...] = ()  # that can control it, the default first; empty: any
+    arguments: Mapping[str, str] = {}  # of bringup, those of ``ARGUMENTS`` that it has
+    topics: Mapping[str, str] = {}  # other names of topics
+    parameters: Mapping[str, Mapping[str, Any]] = {}  # of nodes
 
 
 def arm_launch(file: str) -> Any:
@@ -84,9 +70,7 @@ def arm_launch(file: str) -> Any:
 def load_arm(name_or_path: str) -> RealArm:
     """Return the arm of ``config/robots/real/<name>.yaml``, or of a path to such a file.
 
-    Raises:
-        UnknownNameError: if there is no such arm; lists those that exist.
-        ConfigurationError: if its file cannot be read, or something in it is impossible.
+    Raises ConfigurationError if there is no such arm, or something in its file is impossible.
     """
     path = Path(name_or_path)
     if path.suffix != ".yaml":
@@ -95,7 +79,7 @@ def load_arm(name_or_path: str) -> RealArm:
             raise UnknownNameError("real arm", name_or_path, known)
         path = config_file("robots/real", name_or_path)
     try:
-        entry = _read_file(path)
+        entry = _mapping("holds", load_yaml(path))
         for key in entry:
             if key not in _KEYS:
                 raise UnknownNameError("key", key, _KEYS)
@@ -114,37 +98,25 @@ def load_arm(name_or_path: str) -> RealArm:
 
 
 def _argument(name: str, value: Any) -> str:
-    if name == "watchdog":
-        if not isinstance(value, bool):
-            raise ConfigurationError(f"{name} is {value!r}; expected true or false")
-        return str(value).lower()
-    if not isinstance(value, str):
-        raise ConfigurationError(f"{name} is {value!r}; expected a name")
-    return value
+    kind, expected = (bool, "true or false") if name == "watchdog" else (str, "a name")
+    if not isinstance(value, kind):
+        raise ConfigurationError(f"{name} is {value!r}; expected {expected}")
+    return str(value).lower() if kind is bool else str(value)
 
 
 def read_argument(name: str, text: str) -> dict[str, Any]:
     """Return the mapping that an argument is in YAML; raises ConfigurationError if it is none."""
-    expected = f"expected a mapping in YAML, {name}:='{_EXAMPLES[name]}'"
     try:
-        content = load_yaml(text)
+        return _mapping("it holds", load_yaml(text))
     except ConfigurationError as error:
-        raise ConfigurationError(f"{name} is {text!r}; {expected}: {error}") from error
-    if not isinstance(content, dict | None):
-        raise ConfigurationError(f"{name} is {text!r}; {expected}")
-    return content or {}
-
-
-def _read_file(path: Path) -> dict[str, Any]:
-    content = load_yaml(path)
-    if not isinstance(content, dict | None):
-        raise ConfigurationError(f"holds {content!r}; expected a mapping")
-    return content or {}
+        raise ConfigurationError(
+            f"{name} is {text!r}; expected a mapping in YAML, {name}:='{_EXAMPLES[name]}': {error}"
+        ) from error
 
 
 def topics_of(given: Any) -> dict[str, str]:
     """Return other names of topics, checked; raises ConfigurationError."""
-    topics, known = _mapping("topics", given), {*_TOPICS}
+    topics, known = _mapping("topics:", given), {*_TOPICS}
     for scheme in schemes().values():
         known |= {*scheme.topics, *scheme.outputs}
     for name, other in topics.items():
@@ -157,35 +129,19 @@ def topics_of(given: Any) -> dict[str, str]:
 
 def parameters_of(given: Any) -> Parameters:
     """Return parameters of nodes with their names in dots, checked; raises ConfigurationError."""
-    found = {}
-    for node, values in _mapping("parameters", given).items():
-        if node not in _nodes():
-            raise UnknownNameError("node", node, _nodes())
-        found[node] = _checked(node, values)
-    return found
-
-
-def _nodes() -> set[str]:
-    return {*_OTHERS, *schemes()}
+    return {node: _checked(node, each) for node, each in _mapping("parameters:", given).items()}
 
 
 def parameters_of_file(path: str, namespace: str, controllers: Collection[str]) -> Parameters:
-    """Return what a parameter file of ROS has for nodes, checked.
+    """Return what a parameter file of ROS has for nodes in a namespace, checked.
 
-    A section whose last part is a wildcard is for the controllers.  One that has no namespace
-    counts in each.
-
-    Args:
-        path: of the file.
-        namespace: of the nodes.
-        controllers: those that are started.
-
-    Raises:
-        ConfigurationError: if it cannot be read, is for no node, or something in it is impossible.
+    A section whose last part is a wildcard is for the ``controllers``, those that are started.  One
+    that has no namespace counts in each.  Raises ConfigurationError if the file cannot be read, is
+    for no node, or something in it is impossible.
     """
-    nodes, found = _nodes(), list[Parameters]()
+    nodes, found = {*_OTHERS, *schemes()}, list[Parameters]()
     try:
-        sections = list(named_sections(_read_file(Path(path))))
+        sections = list(named_sections(_mapping("holds", load_yaml(Path(path)))))
         for section, values in sections:
             part = section.rpartition("/")[2]
             if part not in nodes and did_you_mean(part, nodes):
@@ -205,28 +161,30 @@ def parameters_of_file(path: str, namespace: str, controllers: Collection[str]) 
 
 def merged(*layers: Parameters) -> Parameters:
     """Return parameters of nodes, key by key; the last layer that has one counts."""
-    found: Parameters = {}
+    found: dict[str, dict[str, Any]] = {}
     for layer in layers:
         for node, values in layer.items():
-            found[node] = found.get(node, {}) | values
+            found.setdefault(node, {}).update(values)
     return found
 
 
 def parameter_files(values: Mapping[str, Any]) -> list[str]:
-    """Return a new file of the parameters of a node: launch_ros refuses empty lists otherwise."""
+    """Return a new file of the parameters of a node: launch_ros refuses empty lists otherwise.
+
+    It is JSON, which is YAML with each text in quotes: else rcl reads '1e-3' or 'y' as no text.
+    """
     if not values:
         return []
-    with NamedTemporaryFile("w", prefix="parameters_", suffix=".yaml", delete=False) as file:
-        yaml.safe_dump({"/**": {"ros__parameters": dict(values)}}, file)
+    content = {"/**": {"ros__parameters": values}}
+    with NamedTemporaryFile("wb", prefix="parameters_", suffix=".yaml", delete=False) as file:
+        file.write(json.dumps(content, ensure_ascii=False, default=str).encode())
     return [file.name]
 
 
-def _mapping(name: str, value: Any) -> dict[str, Any]:
-    if value is None:
-        return {}
-    if not isinstance(value, dict):
-        raise ConfigurationError(f"{name}: {value!r}; expected a mapping")
-    return {str(key): entry for key, entry in value.items()}
+def _mapping(what: str, value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict | None):
+        raise ConfigurationError(f"{what} {value!r}; expected a mapping")
+    return {str(key): entry for key, entry in (value or {}).items()}
 
 
 def _flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
@@ -240,17 +198,15 @@ def _flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
 
 def _checked(node: str, given: Any) -> dict[str, Any]:
     """Return parameters with their names in dots; raises ConfigurationError as the node would."""
-    values = _flat(_mapping(f"parameters of '{node}'", given))
-    if node in _OTHERS:
-        module, name = _OTHERS[node]
-        kind = getattr(import_module(module), name)
-    else:
-        kind = schemes()[node].parameters
+    if node not in (known := {*_OTHERS, *schemes()}):
+        raise UnknownNameError("node", node, known)
+    values = _flat(_mapping(f"parameters of '{node}':", given))
+    kind = resolve_name(_OTHERS[node]) if node in _OTHERS else schemes()[node].parameters
     fields = fields_of(kind)
     try:
         refuse_unknown(kind, values, _FREE if node == BRIDGE else ())
-        known = {name: checked(fields[name], v) for name, v in values.items() if name in fields}
+        return values | {
+            name: checked(fields[name], value) for name, value in values.items() if name in fields
+        }
     except ConfigurationError as error:
         raise ConfigurationError(f"{node}: {error}") from error
-    lists = {name: [*value] for name, value in known.items() if isinstance(value, tuple)}
-    return values | known | lists

@@ -16,13 +16,10 @@ from eulerparams_control.messages.to_ros import springs_to_ros
 from eulerparams_control.parameters.compliance_control import ComplianceParameters
 from eulerparams_control.ros.commands import ImpedancePublisher
 from eulerparams_control.ros.control_node import ControlNode
+from eulerparams_control.ros.diagnostics import Values
 from eulerparams_control.ros.runtime import run
-from eulerparams_control.ros.rviz import Stiffness
 from eulerparams_control.ros.target_wrench import TargetWrench
 from eulerparams_control.ros.targets import Topics
-
-# Those that act, and the part of where their clips are stated.
-Springs = tuple[Elasticity, float]
 
 
 class ComplianceControlNode(ControlNode):
@@ -32,49 +29,35 @@ class ComplianceControlNode(ControlNode):
 
     def _subscribe(self) -> None:
         self._pressing = TargetWrench(self._input)
-        self._impedance = ImpedancePublisher[Springs](self, _springs_to_ros)
+        self._impedance = ImpedancePublisher[tuple[Elasticity, float]](self, _springs_to_ros)
         super()._subscribe()
 
     def leaders(self) -> Topics:
         """Return the topic that leads the force of the arm."""
         return {"target_wrench": (WrenchStamped, self._pressing.take)}
 
-    def _activated(self) -> None:
-        self._pressing.forget()
-        super()._activated()
-
     def observe(self, t: int, q: Array, dq: Array) -> None:
         """Let the tool exert what counts for the state."""
-        if self._controller is not None:
-            self._pressing.exert(self._controller, t, self._params.target_timeout)
+        self._pressing.exert(self._controller, t, self._params.target_timeout)
 
     def review(self, controller: Controller, stamp: Any) -> None:
         """Publish the springs."""
         if stamp is not None and isinstance(controller.scheme, ComplianceControl):
             self._impedance.show(stamp, controller.scheme.springs)
 
-    def stiffness_of(self, tick: Tick) -> Stiffness | None:
-        """Return K_p at the tip."""
-        scheme = self._controller.scheme if self._controller else None
-        if not isinstance(scheme, ComplianceControl):
-            return None
-        return scheme.elasticity.stiffness(tick.desired.R_d), tick.state.p_e
-
-    def values_of(self, tick: Tick) -> dict[str, str | int | float]:
+    def values_of(self, scheme: ComplianceControl, tick: Tick) -> Values:
         """Return what /diagnostics shows of a tick."""
-        effects, scheme = tick.effects, self._controller and self._controller.scheme
-        fed = scheme.fed if isinstance(scheme, ComplianceControl) else np.zeros(3)
         return {
-            "force fed forward [N]": float(np.linalg.norm(fed)),
+            "force fed forward [N]": float(np.linalg.norm(scheme.fed)),
             "displacement [m]": float(np.linalg.norm(tick.dp_de)),
             "displacement [rad]": angle_between(tick.desired.R_d, tick.state.R_e),
-            "elastic energy [J]": effects.energy,
-            "their clips lowered by": effects.lowered,
+            "elastic energy [J]": tick.effects.energy,
+            "their clips lowered by": tick.effects.lowered,
         }
 
 
-def _springs_to_ros(springs: Springs, stamp: Time) -> JointState:
-    elasticity, clip_share = springs
+def _springs_to_ros(springs: tuple[Elasticity, float], stamp: Time) -> JointState:
+    elasticity, clip_share = springs  # the latter: the part of where its clips are stated
     clips = clip_share * elasticity.clip_position, clip_share * elasticity.clip_rotation
     return springs_to_ros(elasticity.K_p, elasticity.K_o, clips, stamp)
 

@@ -27,7 +27,7 @@ from eulerparams_control.ros.managed_node import ManagedNode
 from eulerparams_control.ros.message_info import NUMBER, with_info
 from eulerparams_control.ros.publishers import unheard
 from eulerparams_control.ros.qos import QOS, QOS_LATCHED
-from eulerparams_control.ros.rviz import RViz, Stiffness
+from eulerparams_control.ros.rviz import RViz
 from eulerparams_control.ros.targets import Leaders, Topics
 
 # The ages are looked at again after this time [s] at the earliest.
@@ -70,13 +70,9 @@ class ControlNode(ManagedNode):
     def review(self, controller: Controller, stamp: Any) -> None:
         """Look at what an answer led to; ``stamp`` is that of its command, None without one."""
 
-    def values_of(self, tick: Tick) -> Values:
+    def values_of(self, scheme: Any, tick: Tick) -> Values:
         """Return what /diagnostics shows of a tick, besides what it shows of all."""
         return {}
-
-    def stiffness_of(self, tick: Tick) -> Stiffness | None:
-        """Return the translational stiffness of a tick; None if the scheme has none."""
-        return None
 
     def leaders(self) -> Topics:
         """Return the topics of the scheme that lead the arm, besides those of all."""
@@ -247,10 +243,11 @@ class ControlNode(ManagedNode):
 
     def _gather(self) -> None:
         if self._controller is not None:
-            self._health.show(self._controller, self.values_of)
+            more = partial(self.values_of, self._controller.scheme)
+            self._health.show(self._controller, more)
 
     def _show_in_rviz(self) -> None:
         controller, measured = self._controller, self._input.measured
         if controller is not None and measured is not None and not self._input.is_silent:
-            show = partial(self._rviz.show, controller, measured, self.stiffness_of)
+            show = partial(self._rviz.show, controller, measured)
             self._health.attempt(show, "~/markers")

@@ -1,6 +1,5 @@
 """The node ``impedance_control``: section V; publishes ``joint_effort`` and ``compliant_frame``."""
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -11,12 +10,17 @@ from std_srvs.srv import Trigger
 
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.mode import STIFFNESS_WAITS, Cause, Why, calmed
-from eulerparams_control.errors import ConfigurationError, InvalidMessageError, RobotError
+from eulerparams_control.errors import (
+    ConfigurationError,
+    EulerParamsError,
+    InvalidMessageError,
+    RobotError,
+)
 from eulerparams_control.laws.compliant_frame import ComplianceLaw
 from eulerparams_control.laws.impedance_control import ImpedanceControl
 from eulerparams_control.laws.rotations import Array, angle_between
 from eulerparams_control.laws.scheme import Scheme, Tick
-from eulerparams_control.messages.from_ros import shown
+from eulerparams_control.messages.from_ros import wrench_from_ros
 from eulerparams_control.messages.keys import WRENCH_FRAME
 from eulerparams_control.messages.to_ros import impedance_to_ros
 from eulerparams_control.motion.frames import Placement
@@ -24,34 +28,27 @@ from eulerparams_control.parameters.impedance_control import ImpedanceParameters
 from eulerparams_control.robot.robot import Robot
 from eulerparams_control.ros.commands import ImpedancePublisher
 from eulerparams_control.ros.control_node import ControlNode
+from eulerparams_control.ros.diagnostics import Values
 from eulerparams_control.ros.message_info import deserialized
 from eulerparams_control.ros.publishers import refuse_two_publishers, unheard
 from eulerparams_control.ros.qos import QOS
 from eulerparams_control.ros.resting_contact import RestingContact, norms
 from eulerparams_control.ros.runtime import run
-from eulerparams_control.ros.rviz import Stiffness
 from eulerparams_control.ros.target_wrench import AT_ITS_END, TargetWrench
 from eulerparams_control.ros.targets import Topics
 from eulerparams_control.ros.wrench_input import WrenchInput
-
-type Diagonals = dict[str, tuple[float, ...]]
-"""Those of K_p and K_o, by the names of the parameters."""
 
 
 class ImpedanceControlNode(ControlNode):
     """Impedance control of one arm."""
 
     parameters_type = ImpedanceParameters
-    _declared: tuple[tuple[float, ...], tuple[float, ...]]  # K_p, K_o of the parameters
-
-    def __init__(self) -> None:
-        self._note_on_wrench, self._set_backs = Why(), 0
-        self._stiffness: Diagonals = {}  # that target_stiffness asked for, until K_p, K_o change
-        self._contact: RestingContact | None = None  # until the robot is known
-        super().__init__()
 
     def _subscribe(self) -> None:
-        self._sensor = WrenchInput(self._input, self._params)
+        # K_p, K_o that target_stiffness asked for, by those of the parameters, until these change
+        self._asked: dict[Any, dict[str, tuple[float, ...]]] = {}
+        self._contact: RestingContact | None = None  # until the robot is known
+        self._sensor, self._set_backs = WrenchInput(self._input, self._params), 0
         self._placements: dict[str, Placement] = {}
         self._pressing = TargetWrench(self._input)
         self._impedance = ImpedancePublisher[ComplianceLaw](
@@ -64,7 +61,8 @@ class ImpedanceControlNode(ControlNode):
     # --- the scheme --------------------------------------------------------------------
 
     def make_scheme(self, robot: Robot) -> ImpedanceControl:
-        """Return impedance control for a robot."""
+        """Return impedance control for a robot, with the stiffness of the parameters."""
+        self._asked.clear()
         p: ImpedanceParameters = self._params
         scheme = p.make_scheme(robot, self._contact.chain if self._contact else None)
         scheme.sense(self._sensor.fresh)
@@ -74,9 +72,9 @@ class ImpedanceControlNode(ControlNode):
         """Go over to new parameters; raises ConfigurationError."""
         assert isinstance(scheme, ImpedanceControl)
         declared = parameters.K_p, parameters.K_o
-        stiffness = self._stiffness if declared == self._declared else {}
-        scheme.change(replace(parameters, **stiffness))
-        self._stiffness, self._declared = stiffness, declared
+        asked = self._asked.get(declared, {})
+        scheme.change(replace(parameters, **asked))
+        self._asked = {declared: asked}
         if self._contact is not None:
             self._contact.wrenches.clear()  # they are of another tool or bias
 
@@ -87,22 +85,15 @@ class ImpedanceControlNode(ControlNode):
             "target_wrench": (WrenchStamped, self._pressing.take),
         }
 
-    def _activated(self) -> None:
-        self._stiffness, self._declared = {}, (self._params.K_p, self._params.K_o)
-        self._pressing.forget()
-        super()._activated()
-
     def _stiffen(self, controller: Controller, msg: WrenchStamped) -> None:
+        """Take the diagonals of K_p, K_o, in the axes that K_p has; its frame may be empty."""
         p, robot = self._params, controller.scheme.robot
-        in_base = p.translational_frame == "base"
-        stiffness = _stiffness_from_ros(msg, robot.base_frame if in_base else robot.tip_frame)
-        self._leaders.refuse_overtaken("target_stiffness", msg)
+        frame = robot.base_frame if p.translational_frame == "base" else robot.tip_frame
+        diagonals = wrench_from_ros(msg, msg.header.frame_id and frame).tolist()
+        asked = {"K_p": tuple(diagonals[:3]), "K_o": tuple(diagonals[3:])}
         assert isinstance(controller.scheme, ImpedanceControl)
-        try:
-            controller.scheme.change_impedance(replace(p, **stiffness).compliance_law())
-        except ConfigurationError as error:
-            raise InvalidMessageError(str(error)) from error
-        self._stiffness = stiffness
+        controller.scheme.change_impedance(replace(p, **asked).compliance_law())
+        self._asked = {(p.K_p, p.K_o): asked}
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Build the robot from its description; forget tare and sensor."""
@@ -124,62 +115,46 @@ class ImpedanceControlNode(ControlNode):
     def _on_wrench(self, data: bytes) -> None:
         if self._robot is None:
             return
+        msg = None
         try:
             msg = deserialized(data, WrenchStamped)
-        except InvalidMessageError as error:
-            self._health.reject("wrench", error)
-            return
-        try:
             refuse_two_publishers(self, self._wrench)
             placement = self._placement(msg.header.frame_id)
             self._sensor.take(msg, placement)
-        except InvalidMessageError as error:
-            self._sensor.refuse(msg)
+        except EulerParamsError as error:
+            if msg is not None:
+                self._sensor.refuse(msg)
             self._health.reject("wrench", error)
         self._answer()
 
     def _placement(self, frame_id: str) -> Placement:
-        """Return where the sensor is, seen from the tip; raises InvalidMessageError."""
-        p, robot = self._params, self._robot
+        """Return where the sensor is, seen from the tip.
+
+        Raises InvalidMessageError if it is not fixed there, or where its axes are is not known.
+        """
+        p, robot, state = self._params, self._robot, self._input.measured
         assert robot is not None
-        if p.wrench_axes:
-            return self._placement_of_axes(robot, p.wrench_axes)
+        if p.wrench_axes:  # about the tip
+            if state is None:
+                raise InvalidMessageError("no valid joint_states yet, which turn the wrench")
+            axes = robot.link_at(p.wrench_axes, state[1]).R
+            self._health.values[WRENCH_FRAME] = f"about {robot.tip_frame}, axes of {p.wrench_axes}"
+            return Placement(robot.link_at(robot.tip_frame, state[1]).R.T @ axes, np.zeros(3))
         frame = p.wrench_frame or frame_id
         if frame not in self._placements:
             try:
                 self._placements[frame] = robot.placement(frame)
             except RobotError as error:
-                raise InvalidMessageError(f"{error}; {self._remedy(robot, frame)}") from error
-            said, why = frame or robot.tip_frame, ""
+                raise InvalidMessageError(f"{error}; {_remedy(robot, frame)}") from error
+            said = frame
             if not frame:
-                why = ", assumed: the frame_id of the wrench is empty; set wrench_frame if not"
-                self._health.complain(f"the wrench is taken to be in {said}{why}", about="frame")
-            self._health.values[WRENCH_FRAME] = f"{said}{why}"
+                said = (
+                    f"{robot.tip_frame}, assumed: the frame_id of the wrench is empty; set "
+                    "wrench_frame if not"
+                )
+                self._health.complain(f"the wrench is taken to be in {said}", about="frame")
+            self._health.values[WRENCH_FRAME] = said
         return self._placements[frame]
-
-    def _placement_of_axes(self, robot: Robot, link: str) -> Placement:
-        """Return how a sensor is turned that measures about the tip in the axes of a link."""
-        if self._input.measured is None:
-            raise InvalidMessageError("no valid joint_states yet, which turn the wrench")
-        q = self._input.measured[1]
-        try:
-            axes = robot.link_at(link, q).R
-        except RobotError as error:
-            raise InvalidMessageError(f"wrench_axes: {error}") from error
-        self._health.values[WRENCH_FRAME] = f"about {robot.tip_frame}, axes of {link}"
-        return Placement(robot.link_at(robot.tip_frame, q).R.T @ axes, np.zeros(3))
-
-    def _remedy(self, robot: Robot, frame: str) -> str:
-        """Return what to do about a wrench in a frame that is not fixed to the tip."""
-        try:
-            robot.link_at(frame, np.zeros(robot.n))
-        except RobotError:
-            return "set wrench_frame if the driver names another frame than the URDF"
-        return (
-            f"let the driver publish it in a link that is; if its moment is about "
-            f"{robot.tip_frame} and only its axes are those of {frame} set wrench_axes to {frame}; "
-            "wrench_frame would turn its forces wrongly"
-        )
 
     def is_complete(self, t: int) -> bool:
         """Whether the wrench of the state stamped t [ns] is there, or is not to be expected."""
@@ -187,17 +162,18 @@ class ImpedanceControlNode(ControlNode):
 
     def observe(self, t: int, q: Array, dq: Array) -> None:
         """Take the wrench for the state, and remember it for a tare."""
-        robot, controller, contact = self._robot, self._controller, self._contact
-        if robot is None or contact is None:
+        controller, contact = self._controller, self._contact
+        if contact is None:
             return
-        if controller is not None and controller.admission.set_backs > self._set_backs:
+        set_backs = controller.admission.set_backs if controller is not None else 0
+        if set_backs > self._set_backs:
             self._sensor.set_back()
-        self._set_backs = controller.admission.set_backs if controller is not None else 0
-        is_new, sensed = self._sensor.choose(t, q, robot.limits), self._sensor.fresh
-        if controller is not None:
-            assert isinstance(controller.scheme, ImpedanceControl)
-            controller.scheme.sense(sensed)
-            self._pressing.exert(controller, t, self._params.target_timeout)
+        self._set_backs = set_backs
+        is_new = self._sensor.choose(t, q, contact.chain.robot.limits)
+        sensed = self._sensor.fresh
+        if (scheme := self._scheme) is not None:
+            scheme.sense(sensed)
+        self._pressing.exert(controller, t, self._params.target_timeout)
         if sensed is None:
             contact.wrenches.clear()
         elif is_new:
@@ -209,17 +185,16 @@ class ImpedanceControlNode(ControlNode):
         assert isinstance(scheme, ImpedanceControl)
         if stamp is not None:
             self._impedance.show(stamp, scheme.compliant.law_now)
+        why = Why()
         if trouble.note:
             why = trouble._replace(note=f"{trouble.note}: the compliant frame is frozen")
         elif scheme.damping > 1.0:
             why = calmed(scheme.damping)
         elif scheme.compliant.waits:
             why = STIFFNESS_WAITS
-        else:
-            why = AT_ITS_END if scheme.is_at_its_end else Why()
-        if why != self._note_on_wrench:
-            self._note_on_wrench = why
-            self._health.note = why
+        elif scheme.is_at_its_end:
+            why = AT_ITS_END
+        self._health.note = why
 
     def doubt(self) -> Why:
         """Return why it is not known whose messages come; Why() if it is, or will be soon."""
@@ -242,23 +217,19 @@ class ImpedanceControlNode(ControlNode):
 
     def _on_tare(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Take the mean of the last samples for no contact."""
-        contact, wanted = self._contact, self._params.tare_samples
-        count = len(contact.wrenches) if contact is not None else 0
         try:
-            if contact is None or count < wanted:
-                raise ConfigurationError(
-                    f"{wanted - count} more valid wrenches are needed, {wanted} in all "
-                    "(tare_samples)"
-                )
-            felt, spread = contact.tare(self._scheme)
+            if self._contact is None:
+                raise ConfigurationError("the robot is not known yet: configure first")
+            felt, spread = self._contact.tare(self._scheme)
         except ConfigurationError as error:
             response.message = f"not tared: {error}"
             return response
-        self._health.values["tare [N, Nm]"] = f"{_text(felt[:3])} {_text(felt[3:])}"
+        f, mu, f_spread, mu_spread = map(_text, np.reshape((felt, spread), (4, 3)))
+        self._health.values["tare [N, Nm]"] = f"{f} {mu}"
         response.success = True
         response.message = (
-            f"tared: force {_text(felt[:3])} N, moment {_text(felt[3:])} Nm about the tip in its "
-            f"axes, standard deviations {_text(spread[:3])} N, {_text(spread[3:])} Nm"
+            f"tared: force {f} N, moment {mu} Nm about the tip in its axes, standard deviations "
+            f"{f_spread} N, {mu_spread} Nm"
         )
         self.get_logger().info(response.message)
         return response
@@ -269,23 +240,15 @@ class ImpedanceControlNode(ControlNode):
         scheme = self._controller.scheme if self._controller else None
         return scheme if isinstance(scheme, ImpedanceControl) else None
 
-    def values_now(self) -> dict[str, str | int | float]:
+    def values_now(self) -> Values:
         """Return the contact that is felt while the arm is held, or not yet controlled."""
         is_moved = self._controller is not None and not self._controller.fault
         return {} if is_moved or self._contact is None else self._contact.values()
 
-    def stiffness_of(self, tick: Tick) -> Stiffness | None:
-        """Return K_p at the centre of compliance; None while there is no compliant frame."""
-        scheme, frame = self._scheme, tick.command.frame
-        if frame is None or scheme is None:
-            return None
-        K_p = scheme.compliant.law_now.stiffness(tick.desired.R_d)
-        return K_p, frame.carrying(scheme.centre).p_d
-
-    def values_of(self, tick: Tick) -> dict[str, str | int | float]:
+    def values_of(self, scheme: ImpedanceControl, tick: Tick) -> Values:
         """Return what /diagnostics shows of a tick."""
-        scheme, frame, desired = self._scheme, tick.command.frame, tick.desired
-        if frame is None or scheme is None:
+        frame, desired = tick.command.frame, tick.desired
+        if frame is None:
             return {}
         force, moment = norms(tick.wrench) if tick.wrench is not None else ("unknown",) * 2
         at_centre = [each.carrying(scheme.centre).R_d for each in (desired, frame)]
@@ -305,27 +268,17 @@ class ImpedanceControlNode(ControlNode):
         }
 
 
-def _stiffness_from_ros(msg: WrenchStamped, frame_id: str) -> Diagonals:
-    """Return the diagonals of K_p [N/m] and K_o [Nm/rad] that a message asks for.
-
-    Args:
-        msg: the message.
-        frame_id: of the axes of K_p.
-
-    Raises:
-        InvalidMessageError: if the frame is another, or a number is negative or not finite.
-    """
-    if msg.header.frame_id not in ("", frame_id):
-        raise InvalidMessageError(
-            f"its frame_id is {shown(msg.header.frame_id)}; expected {frame_id}, whose axes "
-            "K_p has (translational_frame), or none"
-        )
-    K_p, K_o = ((part.x, part.y, part.z) for part in (msg.wrench.force, msg.wrench.torque))
-    if not all(0.0 <= value < math.inf for value in (*K_p, *K_o)):
-        raise InvalidMessageError(
-            f"K_p is {[*K_p]} N/m, K_o {[*K_o]} Nm/rad; expected finite numbers of 0 or more"
-        )
-    return {"K_p": K_p, "K_o": K_o}
+def _remedy(robot: Robot, frame: str) -> str:
+    """Return what to do about a wrench in a frame that is not fixed to the tip."""
+    try:
+        robot.link_at(frame, np.zeros(robot.n))
+    except RobotError:
+        return "set wrench_frame if the driver names another frame than the URDF"
+    return (
+        f"let the driver publish it in a link that is; if its moment is about {robot.tip_frame} "
+        f"and only its axes are those of {frame} set wrench_axes to {frame}; wrench_frame would "
+        "turn its forces wrongly"
+    )
 
 
 def _text(values: Array) -> str:

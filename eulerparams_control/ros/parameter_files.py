@@ -51,18 +51,10 @@ def named_sections(content: Any, above: str = "") -> Iterator[tuple[str, Any]]:
 def refuse_misread(
     name: str, fields: Mapping[str, Field[Any]], arguments: Sequence[str] | None = None
 ) -> None:
-    """Check what a command line gives the node ``name``.
+    """Check what a command line, that of the process for None, gives the node ``name``.
 
-    A file may be for other nodes only, but not for one whose name is nearly that of this one.
-
-    Args:
-        name: of the node, without its namespace.
-        fields: its parameters.
-        arguments: of the command line; None is that of the process.
-
-    Raises:
-        ConfigurationError: if no section of a file is for the node, but one is probably meant so;
-            if a word is given for what is no text.
+    Raises ConfigurationError if no section of a file is for the node, but one has nearly its name;
+    if a word is given for a parameter, of its ``fields``, that is no text.
     """
     given = []
     for flag, argument in pairwise(sys.argv if arguments is None else arguments):

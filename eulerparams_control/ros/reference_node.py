@@ -1,8 +1,8 @@
 """The node ``reference``: a desired motion, force and stiffness from parameters."""
 
-from typing import Any
+from collections.abc import Callable
 
-from geometry_msgs.msg import Wrench, WrenchStamped
+from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -13,11 +13,10 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from eulerparams_control.control.clock import steady
 from eulerparams_control.errors import InvalidMessageError, RobotError
 from eulerparams_control.events import Event, tell
-from eulerparams_control.laws.rotations import Array
 from eulerparams_control.messages.from_ros import JointStateReader, ns_from_ros
 from eulerparams_control.messages.keys import LifecycleCause, WorkMode
-from eulerparams_control.messages.to_ros import motion_to_ros, stamp_to_ros, vector_to_ros
-from eulerparams_control.motion.trajectories import Trajectory
+from eulerparams_control.messages.to_ros import motion_to_ros, stamp_to_ros, wrench_to_ros
+from eulerparams_control.motion.trajectories import Circle, Trajectory
 from eulerparams_control.parameters.course import Course
 from eulerparams_control.parameters.reference import ReferenceParameters
 from eulerparams_control.robot.robot import Robot
@@ -33,19 +32,9 @@ _MANY = 1000
 # Without a robot description for longer [s] it complains.
 _LONG = 5.0
 
-_NO_ROBOT = "no robot description yet"
-
 
 class Sender:
-    """Sends a course on a topic, a message for each state that is due, with its stamp.
-
-    Args:
-        node: that sends.
-        topic: of WrenchStamped.
-        course: what is sent.
-        frame: of the messages.
-        rate: [Hz] at most; 0: a message for each state.
-    """
+    """Sends a course under the stamps of states, at a rate [Hz] at most; 0: for each of them."""
 
     def __init__(self, node: Node, topic: str, course: Course, frame: str, rate: float) -> None:
         self.publisher = node.create_publisher(WrenchStamped, topic, QOS)
@@ -58,20 +47,17 @@ class Sender:
         self._began: int | None = None
         self._sent = 0
 
-    def answer(self, msg: Any) -> None:
-        """Send what belongs to a state, if it is due."""
-        t = ns_from_ros(msg.header.stamp)
+    def answer(self, t: int) -> None:
+        """Send what belongs to the state stamped t [ns], if it is due."""
         if self._began is None or t < self._began:
             self._began, self._sent = t, t - int(self._period)
         if self._sent < t < self._sent + self._period:
             return
         self._sent = t
-        force, torque = self._course.at((t - self._began) / 1e9).reshape(2, 3)
-        sent = WrenchStamped(
-            wrench=Wrench(force=vector_to_ros(force), torque=vector_to_ros(torque))
-        )
-        sent.header.stamp, sent.header.frame_id = stamp_to_ros(t), self._frame
-        self.publisher.publish(sent)
+        msg = WrenchStamped()
+        msg.header.frame_id = self._frame
+        wrench_to_ros(self._course.at((t - self._began) / 1e9), stamp_to_ros(t), msg)
+        self.publisher.publish(msg)
 
 
 class ReferenceNode(Node):
@@ -89,10 +75,9 @@ class ReferenceNode(Node):
         self._params = declare(self, self.parameters_type)
         p = self._params
         p.refuse_endless()
-        self._pending = p.motion != "none"
-        # refuse now what the start of the motion would refuse
-        self._way_points = p.way_points() if p.motion == "way_points" else None
-        self._circle = p.circle() if p.motion == "circle" else None
+        motions = {"none": lambda: None, "way_points": p.way_points, "circle": p.circle}
+        self._motion: Trajectory | Circle | None = motions[p.motion]()  # refused now, not later
+        self._pending = self._motion is not None
         self._robot: Robot | None = None
         self._latest, self._names = b"", list[bytes]()  # joint_states, and the joints of the arm
         self._sent, self._lasting = 0, 0  # [ns] of the motion
@@ -106,13 +91,12 @@ class ReferenceNode(Node):
         self._health.set(diagnostics.OK, "waiting for a robot description", mode=WorkMode.WAITING)
         self._started = steady.now()
         self.create_service(Trigger, "~/send", self._on_send)
-        take = self._on_joint_states
+        take, take_urdf = self._on_joint_states, self._on_robot_description
         self.create_subscription(JointState, "joint_states", take, **overridable(QOS), raw=True)
         if p.robot_description:
             self._set_robot(p.robot_description)
         else:
             latched = overridable(QOS_LATCHED)
-            take_urdf = self._on_robot_description
             self.create_subscription(String, "robot_description", take_urdf, **latched)
         self.create_timer(0.05, self._try_send, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -133,59 +117,44 @@ class ReferenceNode(Node):
     def _on_joint_states(self, serialized: bytes) -> None:
         if any(name in serialized for name in self._names):  # else it is one of others
             self._latest = serialized  # read when a motion starts from it
-            if self._streams and not self._pending:
-                try:
-                    state = deserialized(serialized, JointState)
-                except InvalidMessageError as error:
-                    self._health.reject("joint_states", error)
-                    return
+            if self._streams and not self._pending and (t := self._last(_stamp)) is not None:
                 for stream in self._streams:
-                    stream.answer(state)
+                    stream.answer(t)
 
-    def _measured(self) -> tuple[int, Array, Array]:
-        """Return the stamp [ns], q and dq (n,) measured last; raises InvalidMessageError."""
-        if not self._latest:
-            raise InvalidMessageError("no valid joint_states yet")
+    def _last[T](self, read: Callable[[JointState], T]) -> T | None:
+        """Return what is read from the last joint_states; None if none came that can be read."""
         try:
-            return self._reader.from_ros(deserialized(self._latest, JointState))
+            return read(deserialized(self._latest, JointState)) if self._latest else None
         except InvalidMessageError as error:
             self._health.reject("joint_states", error)
             self._latest = b""
-            raise InvalidMessageError("no valid joint_states") from error
+            return None
 
     def _try_send(self) -> None:
         """Send the motion of the parameters once subscribers and what it needs are there."""
         if not self._pending:
             self._end_when_over()
-        elif self._robot is None:
-            if steady.now() - self._started > _LONG:
-                self._health.complain(f"{_NO_ROBOT}: is the robot running?", about="robot")
-        else:
-            try:
-                self._send_motion()
-            except InvalidMessageError as error:
+            return
+        try:
+            self._send_motion()
+        except InvalidMessageError as error:
+            if self._robot is not None or steady.now() - self._started > _LONG:
                 self._health.complain(str(error), about="motion")
 
     def _end_when_over(self) -> None:
         """End when the motion is over, by the stamps of joint_states, if it is sent once."""
-        if not (self._params.once and self._latest):
-            return
-        try:
-            stamp = ns_from_ros(deserialized(self._latest, JointState).header.stamp)
-        except InvalidMessageError as error:
-            self._health.reject("joint_states", error)
-            self._latest = b""
+        stamp = self._last(_stamp) if self._params.once else None
+        if stamp is None:
             return
         t = stamp or round(1e9 * steady.now())  # without stamps
         if self._begun is None or t < self._begun:  # a simulation was started again
             self._begun = t
         if t >= self._begun + self._lasting:
-            text = "the motion is over; whether the arm followed it, its controller says"
-            self.get_logger().info(text)
+            self.get_logger().info("the motion is over; its controller says how it was followed")
             self.done = True
 
     def _on_send(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Send the motion of the parameters again, as after a fault; a circle begins again here."""
+        """Send the motion again, as after a fault; a circle begins again here."""
         try:
             self._send_motion()
             response.success, response.message = True, self._health.message
@@ -194,30 +163,25 @@ class ReferenceNode(Node):
         return response
 
     def _send_motion(self) -> None:
-        """Send the motion of the parameters; raises InvalidMessageError if it cannot be sent.
-
-        Whether it is followed, the controller says.
-        """
-        publishers = [self._publisher, *(stream.publisher for stream in self._streams)]
+        """Send the motion of the parameters; raises InvalidMessageError if it cannot be sent."""
+        publishers = self._publisher, *(stream.publisher for stream in self._streams)
         there = min(publisher.get_subscription_count() for publisher in publishers)
         wanted = self._params.wait_for_subscribers
-        if self._params.motion == "none":
+        if self._motion is None:
             raise InvalidMessageError("the parameter motion is none")
         if self._robot is None:
-            raise InvalidMessageError(_NO_ROBOT)
+            raise InvalidMessageError("no robot description yet: is the robot running?")
         if there < wanted:
             raise InvalidMessageError(
                 f"waiting for {wanted} subscribers of reference, {there} are there"
             )
-        if self._way_points is not None:
-            self._send(self._way_points)
-        elif self._circle is not None:
-            _, q, dq = self._measured()
-            arm = self._robot.state(q, dq)
-            self._send(self._circle.trajectory(arm.p_e, arm.R_e))
-
-    def _send(self, trajectory: Trajectory) -> None:
-        assert self._robot is not None
+        trajectory = self._motion
+        if isinstance(trajectory, Circle):
+            measured = self._last(self._reader.from_ros)
+            if measured is None:
+                raise InvalidMessageError("no valid joint_states yet")
+            arm = self._robot.state(*measured[1:])
+            trajectory = trajectory.trajectory(arm.p_e, arm.R_e)
         msg = motion_to_ros(trajectory, self._robot.base_frame, self._robot.tip_frame)
         if len(msg.points) > _MANY:
             self._health.complain(
@@ -233,6 +197,10 @@ class ReferenceNode(Node):
         text = f"sent a motion of {trajectory.duration:g} s, {len(msg.points)} points{number}"
         self._health.set(diagnostics.OK, text, mode=WorkMode.DONE)
         tell(Event.SENT)
+
+
+def _stamp(msg: JointState) -> int:
+    return ns_from_ros(msg.header.stamp)
 
 
 def main(args: list[str] | None = None) -> int:

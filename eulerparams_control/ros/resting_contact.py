@@ -16,16 +16,12 @@ _FEW = 10
 
 
 class RestingContact:
-    """What the tool feels while the arm is at rest, by a sensor that was not tared at first.
-
-    Attributes:
-        chain: from the sensor to the contact.
-        wrenches: the last ones, each with the state of the arm.
-    """
+    """What the tool feels while the arm is at rest, by a sensor that was not tared at first."""
 
     def __init__(self, robot: Robot, parameters: ImpedanceParameters) -> None:
         self._parameters = parameters
-        self.chain = WrenchChain(robot, parameters)
+        self.chain = WrenchChain(robot, parameters)  # from the sensor to the contact
+        # the last ones, each with the state of the arm
         self.wrenches: deque[RestingSample] = deque(maxlen=parameters.tare_samples)
 
     def refusal(self, topic: str, *, waits: bool) -> str:
@@ -53,33 +49,32 @@ class RestingContact:
 
     def values(self) -> dict[str, str | int | float]:
         """Return what /diagnostics shows of it."""
-        felt = self._felt() if self.wrenches else ("unknown", "unknown")
-        return dict(zip(("contact force [N]", "contact moment [Nm]"), felt, strict=True))
+        force, moment = self._felt() if self.wrenches else ("unknown", "unknown")
+        return {"contact force [N]": force, "contact moment [Nm]": moment}
 
     def tare(self, scheme: ImpedanceControl | None) -> tuple[Array, Array]:
         """Take the mean of the last wrenches for no contact, also in a scheme that is active.
 
-        Returns:
-            that mean, and the standard deviations: (6,) [N, Nm] about the tip, in its axes.
-
-        Raises:
-            ConfigurationError: if the arm moves, or touches something.
+        Return it, and the standard deviations, (6,) [N, Nm] about the tip, in its axes.  Raises
+        ConfigurationError if too few have come, or the arm moves, or touches something.
         """
-        chain, wrenches = self.chain, self.wrenches
+        chain, wrenches, wanted = self.chain, self.wrenches, self._parameters.tare_samples
+        if len(wrenches) < wanted:
+            raise ConfigurationError(
+                f"{wanted - len(wrenches)} more valid wrenches are needed, {wanted} in all "
+                "(tare_samples)"
+            )
         if not is_still(wrenches):
             raise ConfigurationError("the arm moves; hold it still")
         felt, spread = mean_felt(chain, wrenches), np.std([w for (w, _), _, _ in wrenches], axis=0)
-        if scheme is None:
-            chain.tare(felt)
-            return felt, spread
         force, torque = norms(felt - chain.tared)
-        if self._touches(force, torque):
+        if scheme is not None and self._touches(force, torque):
             raise ConfigurationError(
                 f"{force:.3g} N and {torque:.3g} Nm are felt while the arm is controlled, more "
                 "than max_activation_force or max_activation_torque: does it touch something? "
                 "Deactivate first if it does not"
             )
-        scheme.tare(felt)
+        (scheme or chain).tare(felt)
         return felt, spread
 
 

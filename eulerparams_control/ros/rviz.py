@@ -1,7 +1,6 @@
 """RViz: ~/markers of a control node, and ~/target of the protocol of interactive_markers."""
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 from builtin_interfaces.msg import Duration
@@ -15,15 +14,11 @@ from eulerparams_control.control.clock import steady
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.laws.scheme import Tick
 from eulerparams_control.messages.to_ros import pose_to_ros, quaternion_to_ros, stamp_to_ros
 from eulerparams_control.motion.drawing import ellipsoid
 from eulerparams_control.ros.state_input import State
 
 FEEDBACK, UPDATE = "~/target/feedback", "~/target/update"
-
-Stiffness = tuple[Array, Array]
-"""K (3, 3) [N/m] and the point (3,) [m] where it acts, base frame."""
 
 # Widths of the axes of the frames, and the length of all; semi-axis of the stiffest; of 1 N, 1 Nm.
 _WIDTHS, _AXES = {"desired": 0.002, "compliant": 0.004, "actual": 0.006}, 0.1  # [m]
@@ -47,9 +42,7 @@ class RViz:
         self._drawn, self._at, self._number, self._is_given = -1, PoseStamped(), 0, False
         self._grips: dict[str, tuple[Any, bool, float]] = {}  # stops before, is dragged, heard [s]
 
-    def show(
-        self, controller: Controller, state: State, stiffness: Callable[[Tick], Stiffness | None]
-    ) -> None:
+    def show(self, controller: Controller, state: State) -> None:
         """Show to who watches what a controller does with its last state; nothing that is old."""
         guidance, robot, (t, q, dq) = controller.guidance, controller.scheme.robot, state
         if self._updates.get_subscription_count():
@@ -67,7 +60,7 @@ class RViz:
                 force, moment = _PER_NEWTON * tick.wrench[:3], _PER_NEWTON_METRE * tick.wrench[3:]
                 for name, way, color in (("force", force, _YELLOW), ("moment", moment, _GREY)):
                     markers.append(_marker(name, viz.Marker.ARROW, _SHAFT, color, p, p + way))
-            if (K_at := stiffness(tick)) is not None:
+            if (K_at := controller.scheme.stiffness(tick)) is not None:
                 shape = ellipsoid(K_at[0], _STIFFEST)
                 markers.append(_marker("stiffness", viz.Marker.SPHERE, 2 * shape.radii, _PURPLE))
                 markers[-1].pose.position = _point(K_at[1])

@@ -5,26 +5,25 @@
 """
 
 import math
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from eulerparams_control.control.clock import steady
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.mode import Cause, Mode, Why
-from eulerparams_control.errors import ConfigurationError, InvalidMessageError
+from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.compliance_control import ComplianceControl
 from eulerparams_control.laws.impedance_control import ImpedanceControl
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.laws.scheme import Scheme
 from eulerparams_control.messages.from_ros import shown, wrench_from_ros
 from eulerparams_control.ros.state_input import StateInput
 
 # After a stop the stream has to pause for this time [s]: who sends it may not have noticed.
 _PAUSE = 0.5
 
-# A moment [Nm] that is none, and the part of a force that may be across the force axes.
-_NO_MOMENT, _ACROSS = 1e-6, 0.7072
+# A moment [Nm] that is none.
+_NO_MOMENT = 1e-6
 
 _MAY_PRESS = (Mode.HOLDING, Mode.FOLLOWING)
 
@@ -49,10 +48,6 @@ class TargetWrench:
 
     def __init__(self, states: StateInput) -> None:
         self._states = states
-        self.forget()
-
-    def forget(self) -> None:
-        """Forget what came before."""
         self._force: Array | None = None  # (3,) [N] that was asked for last
         self._came, self._t = -math.inf, 0  # [s], [ns] of the state
         self._breaks = 0  # of the controller, when it came
@@ -60,15 +55,22 @@ class TargetWrench:
     def take(self, controller: Controller, msg: Any) -> None:
         """Take a geometry_msgs/WrenchStamped, in the axes of the tip, or of the base.
 
-        Raises:
-            InvalidMessageError: if it cannot be exerted, or must not be now.
+        Raises InvalidMessageError or ConfigurationError if it cannot be exerted, or must not be.
         """
-        state = self._states.measured
+        assert self._states.measured is not None
+        t, q, _ = self._states.measured
         since, self._came = steady.now() - self._came, steady.now()
-        if state is None:
-            raise InvalidMessageError("no valid joint_states yet")
-        scheme, breaks = controller.scheme, _breaks(controller)
-        force = _force(msg, scheme, state[1], controller.guidance.motion.last.R_d)
+        robot, breaks, frame = controller.scheme.robot, _breaks(controller), msg.header.frame_id
+        w = wrench_from_ros(msg, frame)
+        if frame not in (robot.tip_frame, robot.base_frame):
+            raise InvalidMessageError(
+                f"target_wrench is in the frame '{shown(frame)}'; expected '{robot.tip_frame}' or "
+                f"'{robot.base_frame}'"
+            )
+        if np.abs(w[3:]).max() > _NO_MOMENT:
+            raise InvalidMessageError(f"target_wrench is {w.tolist()}; expected no moment")
+        f = w[:3] if frame == robot.tip_frame else robot.link_at(robot.tip_frame, q).R.T @ w[:3]
+        force = _scheme(controller).bounded_force(f, controller.guidance.motion.last.R_d)
         if controller.mode not in _MAY_PRESS:
             raise InvalidMessageError(
                 f"the arm is {controller.mode}: a force is exerted while it holds or follows; "
@@ -78,24 +80,21 @@ class TargetWrench:
             raise InvalidMessageError(
                 f"the arm was stopped meanwhile; send nothing for {_PAUSE} s, then again"
             )
-        self._force, self._t, self._breaks = force, state[0], breaks
+        self._force, self._t, self._breaks = force, t, breaks
 
-    def exert(self, controller: Controller, t: int, timeout: float) -> None:
+    def exert(self, controller: Controller | None, t: int, timeout: float) -> None:
         """Let the tool exert what counts for the state stamped t [ns]; else end that.
 
-        A set-point counts for ``timeout`` [s], and not after the arm was stopped.
+        A set-point counts for ``timeout`` [s], not after the arm was stopped, nor without control.
         """
-        scheme = controller.scheme
-        if self._force is None:
+        if controller is None or self._force is None:
+            self._force = None
             return
-        assert isinstance(scheme, ImpedanceControl | ComplianceControl)
         age = (t - self._t) / 1e9 if self._states.receipt is None else steady.now() - self._came
-        may_press = controller.mode in _MAY_PRESS
+        may_press, scheme = controller.mode in _MAY_PRESS, _scheme(controller)
         if may_press and age <= timeout and self._breaks == _breaks(controller):
             scheme.press(self._force)
-        elif isinstance(scheme, ComplianceControl):
-            scheme.press(np.zeros(3))
-        elif may_press and scheme.force.is_on:
+        elif scheme.release() and may_press:
             controller.settle(ENDED)
 
 
@@ -104,47 +103,5 @@ def _breaks(controller: Controller) -> int:
     return controller.stops + controller.resets
 
 
-def _force(msg: Any, scheme: Scheme, q: Array, R_d: Array) -> Array:
-    """Return the force (3,) [N] of a message along the axes of the compliance, or of the tip."""
-    frame, robot = msg.header.frame_id, scheme.robot
-    w = wrench_from_ros(msg, frame)
-    if frame not in (robot.tip_frame, robot.base_frame):
-        raise InvalidMessageError(
-            f"target_wrench is in the frame '{shown(frame)}'; expected '{robot.tip_frame}' or "
-            f"'{robot.base_frame}'"
-        )
-    if np.abs(w[3:]).max() > _NO_MOMENT:
-        raise InvalidMessageError(
-            f"target_wrench is {w.tolist()} in '{shown(frame)}'; expected no moment"
-        )
-    f = w[:3]
-    if frame == robot.base_frame:
-        f = robot.state(q, np.zeros_like(q)).R_e.T @ f
-    if isinstance(scheme, ImpedanceControl):
-        return _regulated(scheme, scheme.centre.R.T @ f)
-    assert isinstance(scheme, ComplianceControl)
-    try:
-        scheme.elasticity.refuse_force(R_d @ f, R_d)
-    except ConfigurationError as error:
-        raise InvalidMessageError(str(error)) from error
-    return f
-
-
-def _regulated(scheme: ImpedanceControl, f: Array) -> Array:
-    """Return a force (3,) [N] along the axes of the compliance, of which some are force axes."""
-    parameters, on = scheme.parameters, scheme.force.selection
-    size = float(np.linalg.norm(f))
-    if not parameters.inner_loop:
-        raise InvalidMessageError("target_wrench needs the motion loop: set inner_loop: true")
-    if np.linalg.norm((1.0 - on) * f) > _ACROSS * size:
-        raise InvalidMessageError(
-            f"target_wrench is {f.tolist()} N along x, y, z of the compliance; expected a force "
-            f"along force_axes {list(parameters.force_axes)}"
-        )
-    most = parameters.max_contact_force
-    if size > most:
-        raise InvalidMessageError(
-            f"target_wrench is {size:.3g} N; at most max_contact_force {most:g} N"
-        )
-    exerted: Array = on * f
-    return exerted
+def _scheme(controller: Controller) -> ImpedanceControl | ComplianceControl:
+    return cast("ImpedanceControl | ComplianceControl", controller.scheme)

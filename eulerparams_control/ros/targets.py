@@ -1,6 +1,5 @@
 """What leads the arm: the topics of references and targets, while it is controlled."""
 
-import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -13,7 +12,7 @@ from visualization_msgs.msg import InteractiveMarkerFeedback
 from eulerparams_control.control.clock import steady
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.mode import Mode
-from eulerparams_control.errors import InvalidMessageError, RobotError, UnknownNameError
+from eulerparams_control.errors import EulerParamsError, InvalidMessageError, UnknownNameError
 from eulerparams_control.messages.from_ros import (
     motion_from_ros,
     ns_from_ros,
@@ -31,9 +30,10 @@ from eulerparams_control.ros.state_input import StateInput
 # A target whose stamp goes back within this time [s] was overtaken on its way; later, a clock was
 # set back.
 _OVERTAKEN = 1.0
+_ORDERED = "target_pose", "target_twist", "target_stiffness"
 
 Lead = Callable[[Controller, Any], None]
-"""What takes a message that leads the arm; raises InvalidMessageError if it must not."""
+"""What takes a message that leads the arm; it, or its scheme or robot, refuses what must not."""
 
 Topics = dict[str, tuple[type[Any], Lead]]
 """Topics, their types, and what takes their messages."""
@@ -43,17 +43,11 @@ class Leaders:
     """Listens to what leads the arm.
 
     Args:
-        node: that listens.
-        parameters: of the node; those that count here are fixed.
-        states: of the arm.
+        node, parameters, states: that listens, and its own; those that count here are fixed.
         rviz: whose target is dragged.
         more: topics of the scheme.
 
-    Raises:
-        UnknownNameError: if a topic in paired_targets does not lead the arm.
-
-    Attributes:
-        paired: topics of which each state waits for the message of its stamp.
+    Raises UnknownNameError if a topic in paired_targets does not lead the arm.
     """
 
     def __init__(
@@ -66,7 +60,6 @@ class Leaders:
     ) -> None:
         self._node, self._parameters = node, parameters
         self._states, self._rviz = states, rviz
-        self._newest: dict[str, tuple[int, float]] = {}  # stamp [ns] and receipt [s] of a target
         self._topics: Topics = {
             "reference": (MultiDOFJointTrajectory, self._follow),
             "target_pose": (PoseStamped, self._aim),
@@ -75,10 +68,11 @@ class Leaders:
         } | more
         self._controller: Controller | None = None
         self._heard: dict[str, Subscription] = {}
-        self._stamps: dict[str, int] = {}  # [ns] of the last message, by topic
-        self.paired = parameters.paired_targets
+        self._last: dict[str, tuple[int, float]] = {}  # stamp [ns] and receipt [s] of a message
+        # each state waits for the messages of these that have its stamp
+        self._paired = parameters.paired_targets
         if parameters.reference_pairing != LATEST:
-            self.paired = *self.paired, "reference"
+            self._paired = *self._paired, "reference"
         for topic in parameters.paired_targets:
             if topic not in self._topics:
                 raise UnknownNameError("topic in paired_targets", topic, self._topics)
@@ -86,7 +80,7 @@ class Leaders:
     def begin(self, controller: Controller, lead: Callable[[str, Any], None]) -> None:
         """Listen: ``lead`` is called with a topic and its message, to be taken."""
         self._controller = controller
-        self._stamps.clear()  # what came before does not count
+        self._last.clear()  # what came before does not count
         for topic, (kind, _) in self._topics.items():
             self._heard[topic] = self._node.listen(kind, topic, partial(lead, topic), QOS)
 
@@ -99,44 +93,51 @@ class Leaders:
     def are_here(self, t: int) -> bool:
         """Whether all that belongs to the state stamped t [ns] has come, while one listens."""
         return self._controller is None or all(
-            self._stamps.get(topic) == t for topic in self.paired
+            self._last.get(topic, (None, 0.0))[0] == t for topic in self._paired
         )
 
     def take(self, topic: str, msg: Any) -> None:
-        """Let a message lead the arm.
-
-        Raises:
-            InvalidMessageError: if it must not.
-        """
+        """Let a message lead the arm; raises InvalidMessageError if it must not."""
         if self._controller is None:
             raise InvalidMessageError("not active: nothing leads the arm")
-        refuse_two_publishers(self._node, self._heard.get(topic))
-        self._topics[topic][1](self._controller, msg)
-        self._stamps[topic] = ns_from_ros(msg.header.stamp)
+        refuse_two_publishers(self._node, self._heard[topic])
+        self._refuse_overtaken(topic, msg)
+        try:
+            self._topics[topic][1](self._controller, msg)
+        except EulerParamsError as error:
+            raise InvalidMessageError(str(error)) from error
+        self._note(topic, msg)
+
+    def _note(self, topic: str, msg: Any) -> None:
+        self._last[topic] = ns_from_ros(msg.header.stamp), steady.now()
+
+    def _refuse_overtaken(self, topic: str, msg: Any) -> None:
+        """Raise InvalidMessageError for a target that is older than the one before."""
+        stamp, (newest, came) = ns_from_ros(msg.header.stamp), self._last.get(topic, (0, 0.0))
+        if topic in _ORDERED and 0 < stamp < newest and steady.now() - came < _OVERTAKEN:
+            raise InvalidMessageError(
+                f"the stamp {stamp / 1e9:.3f} s comes after {newest / 1e9:.3f} s: overtaken, or "
+                "are there two senders?"
+            )
 
     def skip(self, topic: str, msg: Any) -> bool:
         """Let a state wait no more for a refused message, as no other comes; return whether so."""
         waits = self._controller is not None and self._controller.mode is not Mode.WAITING
         is_paired = waits and topic in self._parameters.paired_targets
         if is_paired:
-            self._stamps[topic] = ns_from_ros(msg.header.stamp)
+            self._note(topic, msg)
         return is_paired
 
     def _follow(self, controller: Controller, msg: MultiDOFJointTrajectory) -> None:
-        robot = controller.scheme.robot
-        frames = robot.base_frame, robot.tip_frame
-        motion, start = motion_from_ros(msg, *frames, self._parameters.reference_timeout)
-        controller.follow(motion, start, self._now)
+        robot, lasting = controller.scheme.robot, self._parameters.reference_timeout
+        motion = motion_from_ros(msg, robot.base_frame, robot.tip_frame, lasting)
+        controller.follow(*motion, self._now)
 
     def _aim(self, controller: Controller, msg: PoseStamped) -> None:
-        goal = pose_from_ros(msg, self._carrier(controller, msg))
-        self.refuse_overtaken("target_pose", msg)
-        controller.aim(goal, self._now)
+        controller.aim(pose_from_ros(msg, self._carrier(controller, msg)), self._now)
 
     def _jog(self, controller: Controller, msg: TwistStamped) -> None:
-        twist = twist_from_ros(msg, self._carrier(controller, msg).R)
-        self.refuse_overtaken("target_twist", msg)
-        controller.jog(twist, self._now)
+        controller.jog(twist_from_ros(msg, self._carrier(controller, msg).R), self._now)
 
     def _drag(self, controller: Controller, msg: InteractiveMarkerFeedback) -> None:
         goal = self._rviz.released(msg, (controller, controller.stops))
@@ -150,20 +151,5 @@ class Leaders:
 
     def _carrier(self, controller: Controller, msg: Any) -> Placement:
         """Return where the frame of a message is at its receipt, seen from the base."""
-        if self._states.measured is None:
-            raise InvalidMessageError("no valid joint_states yet")
-        try:
-            return controller.scheme.robot.link_at(msg.header.frame_id, self._states.measured[1])
-        except RobotError as error:
-            raise InvalidMessageError(str(error)) from error
-
-    def refuse_overtaken(self, topic: str, msg: Any) -> None:
-        """Raise InvalidMessageError if the stamp is older than that of the message before."""
-        stamp, now = ns_from_ros(msg.header.stamp), steady.now()
-        newest, came = self._newest.get(topic, (0, -math.inf))
-        if 0 < stamp < newest and now - came < _OVERTAKEN:
-            raise InvalidMessageError(
-                f"the stamp {stamp / 1e9:.3f} s comes after {newest / 1e9:.3f} s: overtaken, or "
-                "are there two senders?"
-            )
-        self._newest[topic] = stamp, now
+        assert self._states.measured is not None
+        return controller.scheme.robot.link_at(msg.header.frame_id, self._states.measured[1])
