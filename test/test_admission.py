@@ -15,7 +15,7 @@ from test_controller import MS, T_0, moved
 from tolerances import RELATIVE, assert_close
 
 from eulerparams_control.control.admission import AGAIN, Admission
-from eulerparams_control.control.clock import Instant, Latency, NominalPeriod
+from eulerparams_control.control.clock import Instant, Latency, Rate
 from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.control.mode import Cause, Mode
 from eulerparams_control.errors import InvalidMessageError, RobotError
@@ -280,15 +280,15 @@ def periods(text):
 def test_after_nine_steps_the_usual_period_is_known_whatever_is_lost_or_late(
     steps, seconds, missed
 ):
-    period = NominalPeriod()
+    rate = Rate(0.1)
     for step in steps:
-        period.take(step)
-    assert period.seconds == pytest.approx(seconds, rel=0.06)
-    assert missed is None or period.missed == missed
-    first, known = NominalPeriod(), []
+        rate.take(step)
+    assert rate.period == pytest.approx(seconds, rel=0.06)
+    assert missed is None or rate.missed == missed
+    first, known = Rate(0.1), []
     for step in [0.3, *[0.1] * 8]:
         first.take(step)
-        known.append((first.least, first.seconds))
+        known.append((first.least, first.period))
     assert known == [(0, 0)] * 2 + [(0.1 / 1.5, 0)] * 6 + [(0.1, 0.1)]
 
 

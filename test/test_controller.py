@@ -17,8 +17,8 @@ from samples import about, by_angles, generator, near_pole, poles, rodrigues, un
 from tolerances import ALGEBRAIC, GUARD_ROUNDING, HELD, RELATIVE, assert_close
 
 from eulerparams_control.control.controller import Controller, ControllerOptions
+from eulerparams_control.control.guidance import refuse_reference
 from eulerparams_control.control.mode import Mode
-from eulerparams_control.control.references import References
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.clik import FEEDBACKS
 from eulerparams_control.laws.orientation import ORIENTATIONS, SEQUENCES, SIGNS
@@ -31,6 +31,7 @@ from eulerparams_control.motion.trajectories import Trajectory, way_points
 MS = 1_000_000  # [ns]
 T_0 = 1_700_000_000_000_000_000  # [ns]
 LIMITS = MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0)
+ANYWHERE = (math.inf, math.inf)
 ANY_JUMP = ControllerOptions(max_jump_position=math.inf, max_jump_rotation=math.inf)
 
 pose_of = partial(tip_pose, UR5)
@@ -335,22 +336,20 @@ def test_what_leads_beyond_the_stretched_arm_is_refused_first(motion_to):
 
 
 def test_where_the_desired_frame_is_beyond_the_arm_a_reference_may_be_no_farther_out():
-    references = References(math.inf, math.inf, UR5.reach)
     here, back, farther = (out_of(UR5.reach, way, pose_of(HOME)) for way in (1.1, 1.05, 1.15))
     for frame in (here, back):
-        references.refuse_jump(SetPoint(frame, 0.1), 0.0, here)
-        references.refuse_target(Goal(frame), here)
+        refuse_reference(SetPoint(frame, 0.1), 0.0, here, UR5.reach, ANYWHERE)
+        refuse_reference(Goal(frame), 0.0, here, UR5.reach, ANYWHERE)
     with pytest.raises(InvalidMessageError, match=r"it is 1\.426 m .* links are 1\.240 m long"):
-        references.refuse_jump(SetPoint(farther, 0.1), 0.0, here)
+        refuse_reference(SetPoint(farther, 0.1), 0.0, here, UR5.reach, ANYWHERE)
 
 
 def test_of_a_trajectory_that_is_late_only_what_is_to_come_has_to_be_within_reach():
-    references = References(math.inf, math.inf, UR5.reach)
     here, far = pose_of(HOME), out_of(UR5.reach, 1.2, pose_of(HOME))
     motion = Trajectory([0.0, 1.0, 2.0], [here, far, here])
-    references.refuse_jump(motion, 1.5, here)
+    refuse_reference(motion, 1.5, here, UR5.reach, ANYWHERE)
     with pytest.raises(InvalidMessageError, match="out of reach"):
-        references.refuse_jump(motion, 0.5, here)
+        refuse_reference(motion, 0.5, here, UR5.reach, ANYWHERE)
 
 
 def test_where_a_reference_is_required_there_is_silence_until_the_first():

@@ -113,9 +113,8 @@ def jacobian(sigma):
 
 
 def update(pace, now, q, dq, J):
-    pace.since += 0.01
-    assert pace.since >= LOOK
-    pace.update(now, q, dq, J)
+    assert LOOK < 0.01
+    pace.update(0.01, now, q, dq, J)
 
 
 def passed(pace, sigmas):
@@ -553,7 +552,7 @@ def test_a_restart_that_fails_is_a_restart_again_at_the_next_state():
 def test_a_law_that_cannot_even_hold_has_a_defect_that_no_reference_leads_out_of():
     running, t, q, dq, _ = following(dynamic_control())
     running.scheme.hold = Failing(SingularityError)
-    running.guidance.tick = running.guidance.follow = Failing(SingularityError)
+    running.guidance.desired = Failing(SingularityError)
     assert running.step(t + MS, q, dq) is not None  # gravity compensation
     assert running.why.cause is Cause.DEFECT
     with pytest.raises(InvalidMessageError, match="deactivate and activate"):
@@ -725,16 +724,16 @@ FIRST_TOLD = OTHER_FAULT._replace(at=FAULT.at)
         ),
         (Mode.WAITING, [BROKE], {"mode": Mode.WAITING, "latch": Latch.NEVER}),
         (Mode.WAITING, [BROKE, ("HALT", HALT)], {"latch": Latch.NEVER}),
-        (Mode.HOLDING, [RAN_AWAY], {"is_runaway": True}),
+        (Mode.HOLDING, [RAN_AWAY], {"ran_away": True}),
         (
             Mode.HOLDING,
             [("FROZEN", OTHER_FAULT)],
-            {"is_runaway": False},
+            {"ran_away": False},
         ),  # it need not come to rest
-        (Mode.HOLDING, [RAN_AWAY, ("FROZEN", OTHER_FAULT)], {"is_runaway": True}),
+        (Mode.HOLDING, [RAN_AWAY, ("FROZEN", OTHER_FAULT)], {"ran_away": True}),
         (Mode.HOLDING, [RAN_AWAY, ("RECOVERED", Why())], {"mode": Mode.STOPPED, "why": RUNAWAY}),
         *(
-            (Mode.HOLDING, [*before, ("RECOVERED", Why()), *after], {"is_released": True})
+            (Mode.HOLDING, [*before, ("RECOVERED", Why()), *after], {"ran_away": True})
             for before in ([RAN_AWAY], [("FROZEN", OTHER_FAULT), RAN_AWAY])
             for after in ([], [STOP], [("FROZEN", OTHER_FAULT), ("RECOVERED", Why())])
         ),
@@ -776,7 +775,7 @@ def test_of_two_stops_the_one_that_is_harder_to_leave_counts(start):
 
 
 def test_an_arm_is_at_rest_after_it_stayed_in_one_place_for_0_2_s():
-    mode = ModeState(Mode.RELEASING, RUNAWAY, is_runaway=True)
+    mode = ModeState(Mode.RELEASING, RUNAWAY, ran_away=True)
     here, there = np.zeros(2), np.array([0.0, 3e-3])
     assert not any(mode.rests(0.01, here) for _ in range(19))
     assert not any(mode.rests(0.01, there) for _ in range(19))  # it moved meanwhile

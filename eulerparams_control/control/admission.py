@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.control.clock import Clock, Instant, Latency, NominalPeriod
-from eulerparams_control.control.mode import Why, restarted
+from eulerparams_control.control.clock import Clock, Instant, Latency, Rate
+from eulerparams_control.control.mode import SEND_AGAIN, Cause, Why
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.jit import Array, b1, f8, i8, jit, matrix, new_matrix, types, vector
 from eulerparams_control.laws.limits import NONE, difference
@@ -66,37 +66,27 @@ class Restart(NamedTuple):
     """The stamps jumped, or no state came for long."""
 
     why: Why
-    is_silence: bool  # no state came for long
-    is_same_arm: bool  # the arm is where it was
-    acts: bool  # the last command still acts
+    is_another_arm: bool  # the stamps jumped to an arm elsewhere
+    acts: bool  # the last command still acts, on an arm that is where it was
     step: float  # [s] that the arm has gone on since, if it does: the usual period; 0: not known
     jump: int  # [ns] of the stamps beyond that
 
 
 class Accept(NamedTuple):
-    """A new state.
+    """A new state."""
 
-    Attributes:
-        q: (n,) positions, which go on where joints are continuous.
-        code: what the numbers say.
-        dt: [s] since the last one; 0 at the first, and after a restart.
-        acted: [s] for which the command before has acted; of a state that repeats the stamp of the
-            last one, how long [s] it has stayed.
-        lost: [s] of dt that no law is to integrate over: states are missing.
-        leapt: [s] of it by which the stamps alone went on: no time has passed; below 0: by which
-            they were set back, and more has.
-        is_first: whether it is the first.
-        restart: what happened before it; None if it follows the last one.
-    """
-
-    q: Array
-    code: int
-    dt: float = 0.0
+    q: Array  # (n,) positions, which go on where joints are continuous
+    code: int  # what the numbers say
+    dt: float = 0.0  # [s] since the last one; 0 at the first, and after a restart
+    # [s] for which the command before has acted; of a state that repeats the stamp of the last one,
+    # how long that has stayed
     acted: float = 0.0
-    lost: float = 0.0
+    lost: float = 0.0  # [s] of dt that no law is to integrate over: states are missing
+    # [s] of dt by which the stamps alone went on: no time has passed; below 0: by which they were
+    # set back, and more has
     leapt: float = 0.0
     is_first: bool = False
-    restart: Restart | None = None
+    restart: Restart | None = None  # what happened before it; None if it follows the last one
 
 
 class Admission:
@@ -111,17 +101,16 @@ class Admission:
 
     Attributes:
         clock: of the states that were taken.
-        period: the usual time between them.
+        rate: of their stamps.
         set_backs: how often the clock of their stamps was set back.
     """
 
     def __init__(
         self, robot: Robot, timeout: float, max_latency: float, strict: bool, q: Array
     ) -> None:
-        self.clock, self.period = Clock(), NominalPeriod()
+        self.clock, self.rate, self.set_backs = Clock(), Rate(timeout), 0
         # when [s] the last states came that contradict the ones before
         self._conflicts: deque[float] = deque(maxlen=_CONFLICTS)
-        self.set_backs = 0
         self._robot, self._timeout = robot, timeout
         self._believed = ~0 if strict else ~(FAST | FAR | FROZEN)
         endless = np.isinf(robot.limits.upper)
@@ -165,19 +154,20 @@ class Admission:
         silence = 0.0 if receipt is None or before is None else receipt - before
         if -timeout < dt < 0:
             self._refuse_older(at, dt)
-        is_first, is_set_back = last is None, self._back >= _SET_BACK
+        is_set_back = self._back >= _SET_BACK
         if is_set_back or dt < 0:  # by another clock nothing is late
             self._latency.forget()
         is_near = 0 <= dt <= timeout
         goes_on = is_near and silence <= timeout
         is_lost = silence > timeout or (receipt is None and dt > timeout)
         near = NONE if goes_on or q_c is None else q_c
-        follows, self._joints[_LIMIT] = (is_near and not is_first, goes_on, is_lost), velocity
+        follows = is_near and last is not None, goes_on, is_lost
+        self._joints[_LIMIT] = velocity
         code, self._this = check_numbers(q, dq, near, self._last, self._joints, dt, follows)
         code &= self._believed
         if code & (FAST | FAR):
             self._refuse_impossible(at, dt, q, dq, code)
-        if receipt is not None and (dt != 0 or is_first):
+        if receipt is not None and (dt != 0 or last is None):
             self._refuse_late(at.stamp, receipt, patient)
         if last is not None and at.stamp == last.stamp:
             if is_set_back:  # its clock was here before
@@ -185,20 +175,19 @@ class Admission:
             elif not code & SAME:
                 self._conflicts.append(at.seconds)
             return Accept(q, code | AGAIN, acted=silence)
-        usual, restart = self.period.seconds, None
-        self.period.take(dt)
+        usual = self.rate.period
+        self.rate.take(dt)
+        q = self._this[_Q]
+        acted = dt if receipt is None or 0 < dt < silence else silence
+        longest = _LONGEST_STEP * usual if usual else math.inf
         if not goes_on:
-            restart, dt = self._restart(at, dt, silence, usual, code), 0.0
-        acted, lost = dt, 0.0
-        if receipt is not None:
-            acted = dt if 0 < dt < silence else silence
-        longest = _LONGEST_STEP * usual
-        if usual and (dt > longest or acted > longest):
-            lost, acted = max(dt - longest, 0.0), min(acted, longest)
-            if lost > 0 and receipt is not None:  # the stamps may have gone on alone
-                lost = dt - min(longest, max(silence, usual))
-        leapt = 0.0 if receipt is None or restart else self._leap(dt, silence, is_set_back)
-        return Accept(self._this[_Q], code, dt, acted, lost, leapt, is_first, restart)
+            acted = min(silence, longest)
+            return Accept(q, code, acted=acted, restart=self._restart(at, dt, silence, usual, code))
+        lost = max(dt - longest, 0.0)
+        if lost > 0 and receipt is not None:  # the stamps may have gone on alone
+            lost = dt - min(longest, max(silence, usual))
+        leapt = 0.0 if receipt is None else self._leap(dt, silence, is_set_back)
+        return Accept(q, code, dt, min(acted, longest), lost, leapt, last is None)
 
     def take(self, at: Instant | None) -> None:
         """Take the state for the last one; what it brings about has happened.
@@ -215,7 +204,7 @@ class Admission:
         """Return by how much more [s] the stamps went on than time, lost and late states apart."""
         if is_set_back:
             return dt - silence
-        early, usual = self._latency.early, self.period.seconds
+        early, usual = self._latency.early, self.rate.period
         leapt = min(early, dt - max(silence, usual))
         return leapt if 0 < usual < 2 * early and usual < 2 * leapt else 0.0  # less is jitter
 
@@ -227,9 +216,10 @@ class Admission:
         # two robots jump to and fro, also where both are in the same place
         if not is_silence and (dt < 0 or not is_same_arm):
             self._conflicts.append(at.seconds)
-        why = restarted(dt, silence, not 0 <= dt <= self._timeout)
-        jump, acts = round((dt - usual) * 1e9), is_heard and is_same_arm
-        return Restart(why, is_silence, is_same_arm, acts, usual, jump)
+        why = restarted(dt, silence, has_jumped=not 0 <= dt <= self._timeout)
+        is_another_arm = at.receipt is not None and not (is_silence or is_same_arm)
+        jump = round((dt - usual) * 1e9)
+        return Restart(why, is_another_arm, is_heard and is_same_arm, usual, jump)
 
     def _refuse_older(self, at: Instant, dt: float) -> None:
         self._back = self._back + 1 if at.stamp > self._back_at else 1
@@ -256,16 +246,22 @@ class Admission:
         )
 
     def _refuse_late(self, t: int, receipt: float, patient: bool) -> None:
-        """Refuse a state stamped t [ns] that comes too late to control by."""
         delay = self._latency.of(t, receipt, patient=patient)
-        if delay <= self._latency.most:
-            return
-        raise InvalidMessageError(
-            f"the state comes {delay:.3f} s later than the best one, more than max_latency "
-            f"{self._latency.most:g} s: is the network or the computer overloaded? If they stay so "
-            "late, deactivate and activate; a simulation that is not in real time needs "
-            "use_sim_time"
-        )
+        if delay > self._latency.most:
+            raise InvalidMessageError(
+                f"the state comes {delay:.3f} s later than the best one, more than max_latency "
+                f"{self._latency.most:g} s: is the network or the computer overloaded? If they "
+                "stay so late, deactivate and activate; a simulation that is not in real time "
+                "needs use_sim_time"
+            )
+
+
+def restarted(dt: float, silence: float, *, has_jumped: bool) -> Why:
+    """Return why an arm is held after its stamps jumped by dt [s], or a silence [s]."""
+    if has_jumped:
+        return Why(Cause.STAMP_JUMP, remedy=SEND_AGAIN, note=f"a jump of the stamps by {dt:.3g} s")
+    note = f"a silence of joint_states of {silence:.3g} s"
+    return Why(Cause.SILENCE, remedy=SEND_AGAIN, note=note)
 
 
 @jit(f8(f8, f8, f8))
@@ -287,14 +283,13 @@ def check_numbers(
     dt: float,
     follows: tuple[bool, bool, bool],
 ) -> tuple[int, Array]:
-    """Return the code of the state q, dq (n,), and its rows.
+    """Return the code of the state q, dq (n,), dt [s] after the last one by the stamps; its rows.
 
     Args:
         q, dq: (n,) as they came.
         near: (n,) where joints that turn are nearest to; none: to the last state.
-        before: rows of the last state.
-        joints: rows of the joints.
-        dt: [s] after the last state, by the stamps.
+        before, joints: rows of the last state, and of the joints.
+        dt: [s].
         follows: whether there is a last state, and ``dt`` is short enough to compare with it;
             whether there was no silence, either; and whether the driver may have lost its count of
             turns.  Then a joint that was never seen to jump by a turn is where it says it is: a

@@ -1,14 +1,21 @@
 """The modes of a controller, what changes them, and the table of transitions."""
 
+import math
 from dataclasses import dataclass, replace
 from enum import Enum, IntEnum, StrEnum, auto
 from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.errors import ContactError
+from eulerparams_control.errors import (
+    ContactError,
+    EulerParamsError,
+    FollowingError,
+    OverloadError,
+    SingularityError,
+    UnsafeCommandError,
+)
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.laws.scheme import LoopGain
 
 # An arm that ran away gets efforts again after it was at rest for this time [s], within this
 # distance [rad or m]: it may be at a turning point.  Its speed may be noisy.
@@ -26,6 +33,9 @@ class Mode(StrEnum):
     # after a runaway there are none in the stop that follows, either (in simulated time gravity
     # compensation goes on)
     DISTRUSTING = "distrusting"  # no commands: it is not known whose states these are
+
+
+_STILL = Mode.STOPPED, Mode.RELEASING
 
 
 class Cause(StrEnum):
@@ -158,8 +168,8 @@ class ModeState:
         mode: what the controller does.
         why: why it was entered; of a stop that goes on, when the arm was first held.
         latch: what leads out of it, if the arm is stopped.
-        is_runaway: whether the arm has to come to rest before it is commanded again; of RELEASING.
-        is_released: whether nothing is commanded, for the arm ran away before; of STOPPED.
+        ran_away: of RELEASING, whether the arm has to come to rest before it is commanded again; of
+            STOPPED, whether nothing is commanded, for the arm ran away before.
         until: [s] on the steady clock until when there are no commands; of DISTRUSTING.
         inner: the mode that is held back meanwhile.
     """
@@ -167,8 +177,7 @@ class ModeState:
     mode: Mode
     why: Why = Why()  # noqa: RUF009  it is frozen
     latch: Latch = Latch.NONE
-    is_runaway: bool = False
-    is_released: bool = False
+    ran_away: bool = False
     until: float = 0.0
     inner: "ModeState | None" = None
     _place: Array | None = None  # where an arm that ran away rests, and for how long [s]
@@ -182,12 +191,12 @@ class ModeState:
     @property
     def is_halted(self) -> bool:
         """Whether the arm is held still instead of moved."""
-        return (self.inner or self).mode in (Mode.STOPPED, Mode.RELEASING)
+        return (self.inner or self).mode in _STILL
 
     @property
-    def has_defect(self) -> bool:
-        """Whether a defect is why; whatever comes later, that is what has to be said."""
-        return self.why.cause is Cause.DEFECT
+    def is_runaway(self) -> bool:
+        """Whether the arm runs away, or has not come to rest since."""
+        return self.ran_away and (self.inner or self).mode is Mode.RELEASING
 
     @property
     def remedy(self) -> str:
@@ -207,25 +216,21 @@ class ModeState:
         to, latch = TRANSITIONS[self.mode].get(event, self.mode), latched(self.latch, event)
         if to is Mode.DISTRUSTING:
             return self.distrusted(why.at)
-        runs_away = event is ModeEvent.RUNS_AWAY
         if to is self.mode is Mode.STOPPED and event not in (ModeEvent.FAULT, ModeEvent.DEFECT):
             return replace(self, latch=latch)
-        if self.has_defect or (to is Mode.STOPPED and event is ModeEvent.RECOVERED):
+        if self.why.cause is Cause.DEFECT or (to in _STILL and self.is_halted and not why.fault):
             why = self.why
-        elif to in (Mode.STOPPED, Mode.RELEASING) and self.is_halted:
+        elif to in _STILL and self.is_halted:
             why = why._replace(at=self.why.at)
+        ran_away = to in _STILL and (self.ran_away or event is ModeEvent.RUNS_AWAY)
         if to is self.mode is Mode.RELEASING:
-            why, is_runaway = why if why.fault else self.why, self.is_runaway or runs_away
-            return replace(self, why=why, latch=latch, is_runaway=is_runaway)
-        if to is Mode.STOPPED:
-            return ModeState(to, why, latch, is_released=self.is_runaway or self.is_released)
-        is_runaway = to is Mode.RELEASING and (runs_away or self.is_released)
-        return ModeState(to, why, latch, is_runaway)
+            return replace(self, why=why, latch=latch, ran_away=ran_away)
+        return ModeState(to, why, latch, ran_away)
 
     def distrusted(self, until: float) -> "ModeState":
         """Return the mode that holds back this one until a time [s]."""
         mode = Mode.DISTRUSTING
-        return ModeState(mode, self.why, self.latch, self.is_runaway, until=until, inner=self)
+        return ModeState(mode, self.why, self.latch, self.ran_away, until, inner=self)
 
     def rests(self, dt: float, q: Array) -> bool:
         """Return whether an arm that ran away has been at rest for long, at q (n,) now."""
@@ -234,6 +239,14 @@ class ModeState:
         self._rested += dt
         return self._rested > _REST_TIME
 
+
+_CAUSES = (
+    (SingularityError, Cause.SINGULARITY),
+    (ContactError, Cause.CONTACT_OSCILLATES),
+    (OverloadError, Cause.CONTACT_TOO_LARGE),
+    (FollowingError, Cause.NOT_FOLLOWING),
+    (UnsafeCommandError, Cause.UNSAFE_COMMAND),
+)
 
 SEND_AGAIN = "send the reference again"
 
@@ -245,7 +258,21 @@ CALL_RESUME = "call ~/resume"
 
 HALTED = Why(Cause.HALT, remedy=CALL_RESUME, note="a halt")
 DEACTIVATED = Why(Cause.DEACTIVATED, remedy="activate to start again", note="deactivation")
-
+COMMAND_SILENCE = Why(Cause.COMMAND_SILENCE, remedy=SEND_AGAIN, note="a silence of its commands")
+STREAM_ENDED = Why(Cause.STREAM_ENDED, remedy="see to the node that sends them")
+NEVER_BEGINS = Why(
+    Cause.NEVER_BEGINS,
+    "set-points come, but none begins: their stamps are more than a second ahead of joint_states",
+    f"see to the clocks, or stamp them 0; then {SEND_AGAIN}",
+)
+ARM_MOVED = Why(
+    Cause.ARM_MOVED, "the arm moved before the reference began; send it again", SEND_AGAIN
+)
+FROZEN_ENCODER = Why(
+    Cause.FROZEN_ENCODER,
+    "joint_states reports speeds, but positions that stay the same to the bit",
+    f"see to the robot's driver or encoders, then {SEND_AGAIN}",
+)
 NO_STATES = Why(
     Cause.NO_STATES,
     remedy="see to the robot and the network; when they are back the arm is held where it is",
@@ -291,42 +318,26 @@ def replaced(names: str) -> Why:
     )
 
 
-def too_rare(period: float, timeout: float) -> Why:
-    """Return why an arm is held whose states come every period [s], one after each timeout [s]."""
+def leaps(distance: float, angle: float) -> Why:
+    """Return why an arm is held whose reference began far away [m, rad] from where it was."""
     return Why(
-        Cause.RATE_TOO_LOW,
-        f"joint_states come every {period:.3g} s, but state_timeout is {timeout:g} s: each one "
-        "comes after a silence",
-        f"let the driver publish {2 / timeout:.3g} times a second or more, or set state_timeout "
-        f"to {2 * period:.2g} s; then {SEND_AGAIN}",
+        Cause.REFERENCE_LEAPS,
+        f"the reference began {distance:.3f} m and {math.degrees(angle):.1f} deg away from the "
+        "desired frame of then",
+        "begin where the arm is, or raise max_jump_position and max_jump_rotation",
     )
 
 
-def too_slow(period: float, gain: LoopGain, most: float, *, is_held: bool) -> Why:
-    """Return why an arm is held, or is to be, whose states come too seldom for a gain.
-
-    Args:
-        period: [s] of the states.
-        gain: that is the fastest.
-        most: the largest gain times period [1] at which its loop is stable.
-        is_held: whether the arm is held; else it is a warning.
-    """
-    text = (
-        f"joint_states come {1 / period:.3g} times a second, too seldom for {gain.name} "
-        f"{gain.value:g}, whose loop has {gain.rate:.3g} 1/s"
+def runs_away(joint: str, speed: float) -> Why:
+    """Return why the efforts of an arm are released one of whose joints is too fast [rad/s]."""
+    return Why(
+        Cause.RUNAWAY,
+        f"the arm runs away, {joint} at {speed:.3g} rad/s: it gets no more efforts",
+        f"see to delays and to the model of the arm, or lower the gains; then {CALL_RESUME}",
     )
-    remedy = (
-        f"let the driver publish {gain.rate / most:.3g} times a second or more, or set "
-        f"{gain.name} to {gain.at(most / period):.3g} or less"
-    )
-    if is_held:
-        return Why(Cause.RATE_TOO_LOW, text, f"{remedy}; then {SEND_AGAIN}")
-    return Why(remedy=remedy, note=text)
 
 
-def restarted(dt: float, silence: float, has_jumped: bool) -> Why:
-    """Return why an arm is held after its stamps jumped by dt [s], or a silence [s]."""
-    if has_jumped:
-        return Why(Cause.STAMP_JUMP, remedy=SEND_AGAIN, note=f"a jump of the stamps by {dt:.3g} s")
-    note = f"a silence of joint_states of {silence:.3g} s"
-    return Why(Cause.SILENCE, remedy=SEND_AGAIN, note=note)
+def why_of(error: EulerParamsError) -> Why:
+    """Return why an arm is held after an error of its law, or of its command."""
+    cause = next(cause for kind, cause in _CAUSES if isinstance(error, kind))
+    return Why(cause, str(error), error.remedy)

@@ -142,7 +142,7 @@ class ControlReport(Health):
                 "the arm may be, or the gains are too high",
                 about="limits",
             )
-        self.values["joint_states missed"] = controller.admission.period.missed
+        self.values["joint_states missed"] = controller.rate.missed
         resets = controller.resets
         again, self._restarts = resets - self._restarts, resets
         if again > 1 and not controller.rate.is_too_low:
@@ -165,7 +165,7 @@ class ControlReport(Health):
 
         ``more`` returns what the scheme shows of a tick.
         """
-        motion, tick = controller.guidance.motion, controller.guidance.of_law
+        motion, tick = controller.guidance.motion, controller.guidance.tick_now
         self.values |= {
             PACE: controller.guidance.scale.now,
             SLOWED: motion.slowed,
@@ -205,7 +205,7 @@ class ControlReport(Health):
         self._next = t + self._period
         stamp = Time(sec=stamp.sec, nanosec=stamp.nanosec)
         is_asked = guidance.ticked == t and not controller.fault
-        tick = guidance.of_law if is_asked else None
+        tick = guidance.tick_now if is_asked else None
         if is_commanded:
             self._publish_arm(controller, tick, q, dq, stamp)
         if self._frames is not None and not states.dispute.fault:  # else: whose state is it?
