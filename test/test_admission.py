@@ -1,6 +1,5 @@
 """Times of the states of a robot: order, gaps, rates, clocks that are off."""
 
-import math
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -150,7 +149,7 @@ def test_a_joint_without_wrapping_is_where_it_says_it_is_after_a_silence():
 
 def test_joints_with_limits_are_never_taken_a_turn_away():
     admission = Admission(KINOVA, 0.1, 0.05, False, np.zeros(6))
-    q = admission.admit(Instant(T_0, 50.0), np.full(6, 6.2), np.zeros(6), None, math.inf, True).q
+    q = admission.admit(Instant(T_0, 50.0), np.full(6, 6.2), np.zeros(6), None, patient=True).q
     turning = np.isinf(KINOVA.limits.upper)
     assert turning.tolist() == [True, False, False, True, False, True]
     np.testing.assert_allclose(q, 6.2 - 2 * np.pi * turning)
@@ -432,7 +431,7 @@ def test_after_a_clock_was_set_back_a_bad_state_does_not_make_the_next_ones_late
         """Return whether the state is taken for one of now."""
         at = Instant(stamp, now)
         try:
-            state = admission.admit(at, q, still, None, math.inf, False)
+            state = admission.admit(at, q, still, None, patient=False)
         except InvalidMessageError:
             return False
         if not state.code & AGAIN:

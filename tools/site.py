@@ -15,7 +15,7 @@ from typing import Any
 
 from eulerparams_control.bags.ros.recorder_node import RecorderParameters
 from eulerparams_control.command_line import executables
-from eulerparams_control.control import admission, clock, mode
+from eulerparams_control.control import clock, mode
 from eulerparams_control.control.mode import Cause, Why
 from eulerparams_control.errors import (
     ContactError,
@@ -119,8 +119,6 @@ def remedies() -> dict[str, str]:
         mode.runs_away("elbow_joint", 9.0),
         mode.contested("a, b"),
         clock.too_slow(0.02, gain, is_held=True),
-        admission.restarted(0.5, 0.0, has_jumped=True),
-        admission.restarted(0.0, 0.5, has_jumped=False),
         *map(mode.why_of, (SingularityError(), FollowingError(), ContactError())),
         *map(mode.why_of, (OverloadError(), UnsafeCommandError())),
         Why(Cause.DEFECT, remedy=mode.REPORT_IT),

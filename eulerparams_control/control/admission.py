@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.control.clock import Clock, Instant, Latency, Rate
-from eulerparams_control.control.mode import SEND_AGAIN, Cause, Why
+from eulerparams_control.control.clock import Instant, Latency, Rate
+from eulerparams_control.control.mode import SILENCE, STAMP_JUMP, Why
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.jit import Array, b1, f8, i8, jit, matrix, new_matrix, types, vector
 from eulerparams_control.laws.limits import NONE, difference
@@ -43,33 +43,16 @@ _SAME_ARM = 0.03
 AT_REST = 0.01
 """Slower than this [rad/s or m/s] a joint is at rest."""
 
-# Speeds under efforts, as multiples of their limit, beyond which an arm runs away: one that moves,
-# and one that was to stop.  What is measured is late, or the model is wrong, and only the brakes of
-# the robot can stop it.  A joint that is slower than this [rad/s or m/s] does not run away.
-RUNAWAY, SWINGING, _SLOW = 1.5, 0.5, 0.1
-
-SAME, AGAIN, FAST, FAR, MOVED, FROZEN, RUNS, SWINGS = (1 << bit for bit in range(8))
+SAME, AGAIN, FAST, FAR, MOVED, FROZEN = (1 << bit for bit in range(6))
 """Codes of a state: it is the last one, or has its stamp; a joint is too fast, or too far from the
-last state; the arm is another one; positions stay although it moves; it runs away, or would while
-it is held."""
+last state; the arm is another one; positions stay although it moves."""
 
 # Rows of a state: positions and speeds, how far [rad or m] positions that stay should be, whole
 # turns that were added to what the driver says, and whether it was seen to jump by a turn.
 _Q, _DQ, _UNMOVED, _TURNS, _WRAPS = range(5)
 
-# Rows of the joints: speeds that none has, which ones have no limit, which of these turn; and the
-# limits of the speeds of one that may run away, or infinity.
-_FASTEST, _ENDLESS, _TURNING, _LIMIT = range(4)
-
-
-class Restart(NamedTuple):
-    """The stamps jumped, or no state came for long."""
-
-    why: Why
-    is_another_arm: bool  # the stamps jumped to an arm elsewhere
-    acts: bool  # the last command still acts, on an arm that is where it was
-    step: float  # [s] that the arm has gone on since, if it does: the usual period; 0: not known
-    jump: int  # [ns] of the stamps beyond that
+# Rows of the joints: speeds that none has, which ones have no limit, and which of these turn.
+_FASTEST, _ENDLESS, _TURNING = range(3)
 
 
 class Accept(NamedTuple):
@@ -85,8 +68,11 @@ class Accept(NamedTuple):
     # [s] of dt by which the stamps alone went on: no time has passed; below 0: by which they were
     # set back, and more has
     leapt: float = 0.0
-    is_first: bool = False
-    restart: Restart | None = None  # what happened before it; None if it follows the last one
+    restart: Why | None = None  # a jump of the stamps, or a silence; None if it follows the last
+    is_another_arm: bool = False  # the stamps jumped to an arm elsewhere
+    acts: bool = False  # the last command still acts, on an arm that is where it was, after that
+    step: float = 0.0  # [s] that this arm has gone on: the usual period; 0: not known
+    jump: int = 0  # [ns] of the stamps beyond that
 
 
 class Admission:
@@ -100,7 +86,7 @@ class Admission:
         q: (n,) measured positions at activation.
 
     Attributes:
-        clock: of the states that were taken.
+        last: when the state was that was taken last; None before the first.
         rate: of their stamps.
         set_backs: how often the clock of their stamps was set back.
     """
@@ -108,44 +94,48 @@ class Admission:
     def __init__(
         self, robot: Robot, timeout: float, max_latency: float, strict: bool, q: Array
     ) -> None:
-        self.clock, self.rate, self.set_backs = Clock(), Rate(timeout), 0
+        self.last: Instant | None = None
+        self.rate, self.set_backs = Rate(timeout), 0
         # when [s] the last states came that contradict the ones before
         self._conflicts: deque[float] = deque(maxlen=_CONFLICTS)
         self._robot, self._timeout = robot, timeout
         self._believed = ~0 if strict else ~(FAST | FAR | FROZEN)
         endless = np.isinf(robot.limits.upper)
         fastest = _MOST_SPEED * robot.limits.velocity
-        self._joints = np.array([fastest, endless, endless & ~robot.is_prismatic, 0.0 * fastest])
-        self._last = np.zeros((_WRAPS + 1, robot.n))
-        self._last[_Q] = q
-        self._this = self._last  # the state that was judged, which may be taken
+        self._joints = np.array([fastest, endless, endless & ~robot.is_prismatic])
+        self._before = np.zeros((_WRAPS + 1, robot.n))
+        self._before[_Q] = q
+        self._this = self._before  # the state that was judged, which may be taken
         self._latency = Latency(max_latency)
         self._back, self._back_at = 0, 0  # stamps in a row that are behind, and the last [ns]
+
+    @property
+    def now(self) -> float:
+        """The time [s] of the last state; 0 before the first."""
+        return 0.0 if self.last is None else self.last.seconds
 
     @property
     def is_contested(self) -> bool:
         """Whether states contradict each other again and again, as those of two robots do."""
         times = self._conflicts
-        return len(times) == _CONFLICTS and self.clock.now() - times[0] < _CONTEST
+        return len(times) == _CONFLICTS and self.now - times[0] < _CONTEST
 
     def admit(
-        self, at: Instant, q: Array, dq: Array, q_c: Array | None, velocity: Array | float,
-        patient: bool,
-    ) -> Accept:  # fmt: skip
+        self, at: Instant, q: Array, dq: Array, q_c: Array | None, *, patient: bool
+    ) -> Accept:
         """Return what the state q, dq (n,) measured at an instant is.
 
         Args:
             at: when it was.
             q, dq: (n,) as they came.
             q_c: (n,) of the last command, to which continuous joints are nearest after a gap.
-            velocity: limits (n,) of the speeds under efforts; infinity: there are none.
             patient: whether states that stay late are taken in the end.
 
         Raises:
             InvalidMessageError: unless it can be one of the robot, and of now.
             RobotError: if q or dq has not n elements.
         """
-        timeout, last, receipt = self._timeout, self.clock.last, at.receipt
+        timeout, last, receipt = self._timeout, self.last, at.receipt
         if len(q) != self._robot.n or len(dq) != self._robot.n:
             self._robot.refuse_size(q, dq)
         # how far the stamps went on, and how long no state came [s]; 0 if that is not known
@@ -162,8 +152,7 @@ class Admission:
         is_lost = silence > timeout or (receipt is None and dt > timeout)
         near = NONE if goes_on or q_c is None else q_c
         follows = is_near and last is not None, goes_on, is_lost
-        self._joints[_LIMIT] = velocity
-        code, self._this = check_numbers(q, dq, near, self._last, self._joints, dt, follows)
+        code, self._this = check_numbers(q, dq, near, self._before, self._joints, dt, follows)
         code &= self._believed
         if code & (FAST | FAR):
             self._refuse_impossible(at, dt, q, dq, code)
@@ -181,13 +170,13 @@ class Admission:
         acted = dt if receipt is None or 0 < dt < silence else silence
         longest = _LONGEST_STEP * usual if usual else math.inf
         if not goes_on:
-            acted = min(silence, longest)
-            return Accept(q, code, acted=acted, restart=self._restart(at, dt, silence, usual, code))
+            again = Accept(q, code, acted=min(silence, longest))
+            return self._restarted(again, at, dt, silence, usual)
         lost = max(dt - longest, 0.0)
         if lost > 0 and receipt is not None:  # the stamps may have gone on alone
             lost = dt - min(longest, max(silence, usual))
         leapt = 0.0 if receipt is None else self._leap(dt, silence, is_set_back)
-        return Accept(q, code, dt, min(acted, longest), lost, leapt, last is None)
+        return Accept(q, code, dt, min(acted, longest), lost, leapt)
 
     def take(self, at: Instant | None) -> None:
         """Take the state for the last one; what it brings about has happened.
@@ -195,10 +184,10 @@ class Admission:
         Args:
             at: when it was; None: it does not count, but for the turns of its joints.
         """
-        last = self.clock.last
+        last = self.last
         if self._back >= _SET_BACK or (at and last and at.stamp < last.stamp):
             self.set_backs += 1
-        self.clock.last, self._back, self._last = at, 0, self._this
+        self.last, self._back, self._before = at, 0, self._this
 
     def _leap(self, dt: float, silence: float, is_set_back: bool) -> float:
         """Return by how much more [s] the stamps went on than time, lost and late states apart."""
@@ -208,18 +197,25 @@ class Admission:
         leapt = min(early, dt - max(silence, usual))
         return leapt if 0 < usual < 2 * early and usual < 2 * leapt else 0.0  # less is jitter
 
-    def _restart(self, at: Instant, dt: float, silence: float, usual: float, code: int) -> Restart:
-        """Return what happened before a state whose stamp is dt [s] after the last one."""
-        is_silence, is_same_arm = silence > self._timeout, not code & MOVED
-        # by the stamps alone a silence and a clock that was set forward look the same
-        is_heard = not is_silence and (dt < 0 or at.receipt is not None)
+    def _restarted(
+        self, state: Accept, at: Instant, dt: float, silence: float, usual: float
+    ) -> Accept:
+        """Return the state with what happened before it; its stamp is dt [s] after the last one."""
+        is_silence, is_same_arm = silence > self._timeout, not state.code & MOVED
         # two robots jump to and fro, also where both are in the same place
         if not is_silence and (dt < 0 or not is_same_arm):
             self._conflicts.append(at.seconds)
-        why = restarted(dt, silence, has_jumped=not 0 <= dt <= self._timeout)
-        is_another_arm = at.receipt is not None and not (is_silence or is_same_arm)
-        jump = round((dt - usual) * 1e9)
-        return Restart(why, is_another_arm, is_heard and is_same_arm, usual, jump)
+        why = SILENCE._replace(note=f"a silence of joint_states of {silence:.3g} s")
+        if not 0 <= dt <= self._timeout:
+            why = STAMP_JUMP._replace(note=f"a jump of the stamps by {dt:.3g} s")
+        return state._replace(
+            restart=why,
+            is_another_arm=at.receipt is not None and not (is_silence or is_same_arm),
+            # by the stamps alone a silence and a clock that was set forward look the same
+            acts=is_same_arm and not is_silence and (dt < 0 or at.receipt is not None),
+            step=usual,
+            jump=round((dt - usual) * 1e9),
+        )
 
     def _refuse_older(self, at: Instant, dt: float) -> None:
         self._back = self._back + 1 if at.stamp > self._back_at else 1
@@ -238,7 +234,7 @@ class Admission:
                 f"the joint {robot.joints[i]} moves at {dq[i]:.3g} rad/s, more than "
                 f"{_MOST_SPEED:g} times its limit"
             )
-        ways = np.abs(robot.limits.difference(q, self._last[_Q]))
+        ways = np.abs(robot.limits.difference(q, self._before[_Q]))
         i = int((ways > _MOST_ASTRAY + dt * fastest).argmax())
         self._conflicts.append(at.seconds)
         raise InvalidMessageError(
@@ -254,20 +250,6 @@ class Admission:
                 "stay so late, deactivate and activate; a simulation that is not in real time "
                 "needs use_sim_time"
             )
-
-
-def restarted(dt: float, silence: float, *, has_jumped: bool) -> Why:
-    """Return why an arm is held after its stamps jumped by dt [s], or a silence [s]."""
-    if has_jumped:
-        return Why(Cause.STAMP_JUMP, remedy=SEND_AGAIN, note=f"a jump of the stamps by {dt:.3g} s")
-    note = f"a silence of joint_states of {silence:.3g} s"
-    return Why(Cause.SILENCE, remedy=SEND_AGAIN, note=note)
-
-
-@jit(f8(f8, f8, f8))
-def runaway(dq: float, most: float, limit: float) -> float:
-    """Return by how much a joint is too fast under efforts, ``most`` times its limit; 0: not."""
-    return max(abs(dq) - max(most * limit, _SLOW), 0.0)
 
 
 _flags = types.UniTuple(b1, 3)
@@ -319,8 +301,6 @@ def check_numbers(
             code |= MOVED
         if not (stays and dq[i] == before[_DQ, i]):
             code &= ~SAME
-        if runaway(dq[i], SWINGING, joints[_LIMIT, i]):
-            code |= SWINGS | (RUNS if runaway(dq[i], RUNAWAY, joints[_LIMIT, i]) else 0)
     for i in range(len(q)):
         now[_UNMOVED, i] = before[_UNMOVED, i] if stays else 0.0
         if stays and goes_on and abs(dq[i]) > AT_REST:

@@ -1,7 +1,7 @@
 """Time: how states age, how often they come, and which clock counts.
 
 Where time is real a state ages by when it came, on the steady clock.  Where time is simulated,
-in lock-step say, only its stamp counts.  :class:`Clock` alone knows which.
+in lock-step say, only its stamp counts.  :class:`Instant` alone knows which.
 """
 
 import math
@@ -14,8 +14,8 @@ from typing import NamedTuple
 from eulerparams_control.control.mode import SEND_AGAIN, Cause, Why
 from eulerparams_control.laws.scheme import LoopGain, Scheme
 
-# Number of steps after which a period is known, and after which its lower bound is; the factor of
-# jitter of that bound; and the part of the difference by which a period follows further steps.
+# Steps after which a period is known, and after which its lower bound is; the factor of jitter of
+# that bound; the part of the difference by which a period follows further steps.
 _FIRST, _FEW, _JITTER, _SMOOTHING = 9, 3, 1.5, 0.02
 
 # A step of the stamps [s] that is longer is a jump of the clock, not a loss of messages; one that
@@ -70,32 +70,6 @@ class Instant(NamedTuple):
         if self.receipt is None or other.receipt is None:
             return (self.stamp - other.stamp) / 1e9
         return self.receipt - other.receipt
-
-
-class Clock:
-    """The time of the states of an arm: by receipt, or by the stamps where time is simulated."""
-
-    def __init__(self) -> None:
-        self.last: Instant | None = None  # of the state that was taken last
-
-    @property
-    def is_simulated(self) -> bool:
-        """Whether the stamps count."""
-        return self.last is None or self.last.receipt is None
-
-    def time(self, receipt: float | None) -> float:
-        """Return the time [s] of something that came at ``receipt`` [s]."""
-        return Instant(0 if self.last is None else self.last.stamp, receipt).seconds
-
-    def now(self) -> float:
-        """Return the time [s] of the last state; 0 before the first."""
-        return 0.0 if self.last is None else self.last.seconds
-
-    def late(self, start: int | None) -> float:
-        """Return how long ago [s] the stamp ``start`` [ns] was; 0 for the next state."""
-        if start is None or self.last is None:
-            return 0.0
-        return (self.last.stamp - start) / 1e9
 
 
 class _Verdict(IntEnum):

@@ -52,9 +52,9 @@ class Controller(Supervisor):
             InvalidMessageError: if the state is older than the last one, or the robot cannot
                 have reached it.
         """
-        at, limiter, has_efforts = Instant(t, now), self.limiter, self.limiter.commands_efforts
+        at, limiter = Instant(t, now), self.limiter
         q_c = None if self.command is None else self.command.q
-        state = self.admission.admit(at, q, dq, q_c, limiter.runaway_limits, not has_efforts)
+        state = self.admission.admit(at, q, dq, q_c, patient=not limiter.commands_efforts)
         if state.code & AGAIN:
             return self._again(at, state)
         if self.mode is Mode.WAITING:
@@ -62,7 +62,7 @@ class Controller(Supervisor):
             self.scheme.start_from(None)
             self.admission.take(None)
             return None
-        if state.is_first or state.restart is not None:
+        if self.admission.last is None or state.restart is not None:
             state = self._begin_again(at, state)
         self.admission.take(at)  # only now: a restart that fails is one again
         self.q, self.dq = state.q, dq
@@ -143,19 +143,19 @@ class Controller(Supervisor):
                 self._is_weight = False
             except UnsafeCommandError as error:
                 self._change(ModeEvent.FAULT, why_of(error))
-        self.command = self.command or self._released(acted)
+        self.command = self.command or self._released(at, acted)
         if self.command is not None:
             self._left = at
         return self.command
 
-    def _released(self, acted: float) -> JointCommand | None:
+    def _released(self, at: Instant, acted: float) -> JointCommand | None:
         """Return efforts that come to the weight of the arm; then none.
 
         The robot has to brake itself then, and no effort that was to move the arm acts meanwhile.
         In simulated time they go on: a robot in lock-step does not go on without them.
         """
-        limiter, is_simulated = self.limiter, self.admission.clock.is_simulated
-        if not limiter.commands_efforts or (self._is_weight and not is_simulated):
+        limiter = self.limiter
+        if not limiter.commands_efforts or (self._is_weight and at.receipt is not None):
             return None
         bounded = limiter.bounded
         try:

@@ -83,21 +83,13 @@ class Latch(IntEnum):
 
 
 class Why(NamedTuple):
-    """Why the mode changed.
-
-    Attributes:
-        cause: for programs.
-        fault: why the arm is held still, for people; "" if it is not.
-        remedy: what to do about it.
-        note: what happened, for people, where the arm is not held still.
-        at: when [s], by the clock of the controller.
-    """
+    """Why the mode changed."""
 
     cause: Cause = Cause.NONE
-    fault: str = ""
-    remedy: str = ""
-    note: str = ""
-    at: float = 0.0
+    fault: str = ""  # why the arm is held still, for people; "" if it is not
+    remedy: str = ""  # what to do about it
+    note: str = ""  # what happened, for people, where the arm is not held still
+    at: float = 0.0  # when [s], by the clock of the controller
 
 
 class ModeEvent(Enum):
@@ -153,33 +145,18 @@ _LATCHES = {
 }
 
 
-def latched(before: Latch, event: ModeEvent) -> Latch:
-    """Return what leads out of a stop after an event."""
-    if event in (ModeEvent.REFERENCE, ModeEvent.RESUME) and before is not Latch.NEVER:
-        return Latch.NONE
-    return max(before, _LATCHES.get(event, Latch.NONE))
-
-
 @dataclass
 class ModeState:
-    """A mode, and what it keeps.
-
-    Attributes:
-        mode: what the controller does.
-        why: why it was entered; of a stop that goes on, when the arm was first held.
-        latch: what leads out of it, if the arm is stopped.
-        ran_away: of RELEASING, whether the arm has to come to rest before it is commanded again; of
-            STOPPED, whether nothing is commanded, for the arm ran away before.
-        until: [s] on the steady clock until when there are no commands; of DISTRUSTING.
-        inner: the mode that is held back meanwhile.
-    """
+    """A mode, and what it keeps."""
 
     mode: Mode
-    why: Why = Why()  # noqa: RUF009  it is frozen
-    latch: Latch = Latch.NONE
+    why: Why = Why()  # noqa: RUF009  it is frozen; of a stop that goes on, when it began
+    latch: Latch = Latch.NONE  # what leads out of it, if the arm is stopped
+    # of RELEASING: the arm has to come to rest before it is commanded again; of STOPPED: nothing is
+    # commanded, for it ran away before
     ran_away: bool = False
-    until: float = 0.0
-    inner: "ModeState | None" = None
+    until: float = 0.0  # [s] on the steady clock until when there are no commands; of DISTRUSTING
+    inner: "ModeState | None" = None  # the mode that is held back meanwhile
     _place: Array | None = None  # where an arm that ran away rests, and for how long [s]
     _rested: float = 0.0
 
@@ -213,7 +190,10 @@ class ModeState:
             if event is ModeEvent.DISTRUST:
                 return self.inner.distrusted(why.at)
             return self.inner.after(event, why).distrusted(self.until)
-        to, latch = TRANSITIONS[self.mode].get(event, self.mode), latched(self.latch, event)
+        to, latch = TRANSITIONS[self.mode].get(event, self.mode), self.latch
+        if event in (ModeEvent.REFERENCE, ModeEvent.RESUME) and latch is not Latch.NEVER:
+            latch = Latch.NONE
+        latch = max(latch, _LATCHES.get(event, Latch.NONE))
         if to is Mode.DISTRUSTING:
             return self.distrusted(why.at)
         if to is self.mode is Mode.STOPPED and event not in (ModeEvent.FAULT, ModeEvent.DEFECT):
@@ -229,8 +209,7 @@ class ModeState:
 
     def distrusted(self, until: float) -> "ModeState":
         """Return the mode that holds back this one until a time [s]."""
-        mode = Mode.DISTRUSTING
-        return ModeState(mode, self.why, self.latch, self.ran_away, until, inner=self)
+        return replace(self, mode=Mode.DISTRUSTING, until=until, inner=self)
 
     def rests(self, dt: float, q: Array) -> bool:
         """Return whether an arm that ran away has been at rest for long, at q (n,) now."""
@@ -249,15 +228,13 @@ _CAUSES = (
 )
 
 SEND_AGAIN = "send the reference again"
-
-REPORT_IT = "report it; deactivate and activate to start again"
-"""What to do about a defect."""
-
 CALL_RESUME = "call ~/resume"
-"""What to do about a halt."""
+REPORT_IT = "report it; deactivate and activate to start again"  # a defect
 
 HALTED = Why(Cause.HALT, remedy=CALL_RESUME, note="a halt")
 DEACTIVATED = Why(Cause.DEACTIVATED, remedy="activate to start again", note="deactivation")
+STAMP_JUMP = Why(Cause.STAMP_JUMP, remedy=SEND_AGAIN)
+SILENCE = Why(Cause.SILENCE, remedy=SEND_AGAIN)
 COMMAND_SILENCE = Why(Cause.COMMAND_SILENCE, remedy=SEND_AGAIN, note="a silence of its commands")
 STREAM_ENDED = Why(Cause.STREAM_ENDED, remedy="see to the node that sends them")
 NEVER_BEGINS = Why(

@@ -63,8 +63,7 @@ class Pace:
 
     Attributes:
         wanted: s, from ``LEAST`` to 1; from ``CREEP`` for the limits of the speeds.
-        singularity: how near the arm is to a kinematic singularity.
-        limit: how near it is to a limit of a joint.
+        singularity, limit: how near the arm is to a kinematic singularity, to a limit of a joint.
         joint: the index of that joint.
     """
 
@@ -87,11 +86,7 @@ class Pace:
     def update(self, dt: float, now: float, q: Array, dq: Array, J: Array) -> None:
         """Choose the pace, dt [s] after the last call, if the arm is to be looked at again.
 
-        Args:
-            dt: [s].
-            now: the pace of now.
-            q, dq: (n,) positions and velocities at which the loop is closed.
-            J: (6, n) there.
+        ``now`` is the pace of now, q, dq (n,) and J (6, n) those at which the loop is closed.
         """
         self._since += dt
         if self._since < LOOK:

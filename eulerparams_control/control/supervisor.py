@@ -1,25 +1,15 @@
 """The supervision of a controller: all that changes the mode of an arm, or what it follows.
 
-Events come from the states (:meth:`Supervisor._observe`), from the motion
-(:meth:`Supervisor._observe_motion`), from operators and from references.  What a mode commands is
-up to the :class:`Controller`.
+Events come from the states, from the motion, from operators and from references.  What a mode
+commands is up to the :class:`Controller`.
 """
 
 import math
 
 import numpy as np
 
-from eulerparams_control.control.admission import (
-    AT_REST,
-    FROZEN,
-    RUNAWAY,
-    RUNS,
-    SWINGING,
-    SWINGS,
-    Accept,
-    Admission,
-    runaway,
-)
+from eulerparams_control.control import mode as modes
+from eulerparams_control.control.admission import AT_REST, FROZEN, Accept, Admission
 from eulerparams_control.control.clock import Instant
 from eulerparams_control.control.guidance import (
     ControllerOptions,
@@ -28,24 +18,7 @@ from eulerparams_control.control.guidance import (
     refuse_reference,
 )
 from eulerparams_control.control.limiter import Limiter
-from eulerparams_control.control.mode import (
-    ARM_MOVED,
-    COMMAND_SILENCE,
-    DEACTIVATED,
-    FROZEN_ENCODER,
-    HALTED,
-    NEVER_BEGINS,
-    REPORT_IT,
-    STREAM_ENDED,
-    Cause,
-    Latch,
-    Mode,
-    ModeEvent,
-    ModeState,
-    Why,
-    leaps,
-    runs_away,
-)
+from eulerparams_control.control.mode import Cause, Latch, Mode, ModeEvent, ModeState, Why
 from eulerparams_control.errors import InvalidMessageError, defect
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand, Scheme
@@ -54,8 +27,11 @@ from eulerparams_control.motion.references import Goal, Jog
 from eulerparams_control.motion.shaper import Reference
 from eulerparams_control.motion.spline import Poses
 
-# Time [s] in which efforts should have stopped an arm.
-_HALTED = 0.5
+# Speeds under efforts, as multiples of their limit, beyond which an arm runs away: one that moves,
+# and one that was to stop for the time [s].  What is measured is late, or the model is wrong, and
+# only the brakes of the robot can stop it.  A joint that is slower than this [rad/s or m/s] does
+# not run away.
+_RUNAWAY, _SWINGING, _HALTED, _SLOW = 1.5, 0.5, 0.5, 0.1
 
 # After a fault references are followed again when they have paused this long [s].
 _PAUSE = 0.5
@@ -127,8 +103,8 @@ class Supervisor:
     def _change(self, event: ModeEvent, why: Why = Why()) -> None:  # noqa: B008  it is frozen
         """Go over to the mode after an event, and let the motion rest where it stops the arm."""
         before, guidance = self.state, self.guidance
-        now = self.admission.clock.now()
-        self.state = before.after(event, why if why.at else why._replace(at=now))
+        why = why if why.at else why._replace(at=self.admission.now)
+        self.state = before.after(event, why)
         if not self.state.is_halted:
             self._halted = 0.0
             return
@@ -153,24 +129,24 @@ class Supervisor:
         An arm that moves brakes along its path where only the stamps jumped: the state that is
         returned has then the usual dt.
         """
-        restart, motion = state.restart, self.guidance.motion
-        if restart is None:
+        motion = self.guidance.motion
+        if state.restart is None:
             if motion.is_holding:
                 self._begin(state.q)  # the arm may have moved since activation
             elif is_far(motion.last, self.scheme.frame_at(state.q), motion.max_jump):
                 self._begin(state.q)
-                self._change(ModeEvent.FAULT, ARM_MOVED._replace(at=at.seconds))
+                self._change(ModeEvent.FAULT, modes.ARM_MOVED._replace(at=at.seconds))
             return state
         self.resets += 1
-        self._change(ModeEvent.RESTART, restart.why)
-        moves = restart.acts and not self.guidance.motion.is_at_rest
-        if moves and restart.step > 0 and at.receipt is not None:  # else a simulation restarted
-            self.guidance.brake(restart.jump)
-            return state._replace(dt=restart.step, acted=min(state.acted, restart.step))
-        if restart.is_another_arm:
+        self._change(ModeEvent.RESTART, state.restart)
+        moves = state.acts and not self.guidance.motion.is_at_rest
+        if moves and state.step > 0 and at.receipt is not None:  # else a simulation restarted
+            self.guidance.brake(state.jump)
+            return state._replace(dt=state.step, acted=min(state.acted, state.step))
+        if state.is_another_arm:
             until = at.seconds + self._options.state_timeout
             self._change(ModeEvent.DISTRUST, Why(at=until))
-        self._begin(state.q, acts=restart.acts)
+        self._begin(state.q, acts=state.acts)
         return state
 
     def _observe(self, at: Instant, state: Accept) -> None:
@@ -183,28 +159,30 @@ class Supervisor:
         if self._options.check_states and self._is_rate_too_low():
             return  # else a simulation without limits may diverge
         if state.code & FROZEN:
-            self._change(ModeEvent.FROZEN, FROZEN_ENCODER)  # there is nothing to control by
+            self._change(ModeEvent.FROZEN, modes.FROZEN_ENCODER)  # there is nothing to control by
             return
         left, timeout = self._left, self._options.state_timeout
         if self.command is None and left is not None and not 0 <= at.since(left) <= timeout:
             self._begin(state.q)  # the robot has braked since
-            self._change(ModeEvent.RESTART, COMMAND_SILENCE)
+            self._change(ModeEvent.RESTART, modes.COMMAND_SILENCE)
         mode = self.state
         if mode.mode is Mode.RELEASING:
             if not mode.is_runaway or mode.rests(state.dt, state.q):
                 self._change(ModeEvent.RECOVERED)
             if mode.is_runaway:
                 return
-        limits = self.limiter.limits
-        if self.limiter.commands_efforts and limits is not None:
+        if self.limiter.commands_efforts and self.limiter.limits is not None:
             self._halted += state.dt if mode.is_halted else 0.0
-            swings = self._halted > _HALTED
-            if state.code & (SWINGS if swings else RUNS):
-                most = SWINGING if swings else RUNAWAY
-                speeds = zip(self.dq, limits.velocity, strict=True)
-                i = int(np.argmax([runaway(dq, most, limit) for dq, limit in speeds]))
-                why = runs_away(self.scheme.robot.joints[i], self.dq[i])
-                self._change(ModeEvent.RUNS_AWAY, why)
+            self._see_runaway(self.limiter.limits.velocity)
+
+    def _see_runaway(self, limits: Array) -> None:
+        """Release an arm with a joint that efforts have made too fast for its limit (n,)."""
+        most = _SWINGING if self._halted > _HALTED else _RUNAWAY
+        excess = np.abs(self.dq) - np.maximum(most * limits, _SLOW)
+        i = int(excess.argmax())
+        if excess[i] > 0:
+            why = modes.runs_away(self.scheme.robot.joints[i], self.dq[i])
+            self._change(ModeEvent.RUNS_AWAY, why)
 
     def _is_rate_too_low(self) -> bool:
         """Hold an arm whose states come too seldom; return whether even that is not possible."""
@@ -226,12 +204,12 @@ class Supervisor:
         """Stop where a reference began that leaps, or where none of a stream begins, t [ns]."""
         motion = self.guidance.motion
         if self.mode is Mode.FOLLOWING and motion.has_stopped(t):
-            self.state.why = STREAM_ENDED
+            self.state.why = modes.STREAM_ENDED
         if motion.leap is not None:
-            why, motion.leap = leaps(*motion.leap), None
+            why, motion.leap = modes.leaps(*motion.leap), None
             self._change(ModeEvent.FAULT, why)
         elif motion.is_stalled(t):
-            self._change(ModeEvent.FAULT, NEVER_BEGINS)
+            self._change(ModeEvent.FAULT, modes.NEVER_BEGINS)
 
     # --- orders, from the next state on ----------------------------------------------------------
 
@@ -247,7 +225,7 @@ class Supervisor:
 
     def fail_for_good(self, error: Exception) -> None:
         """Hold from now on because of a defect; no reference is followed any more."""
-        self._change(ModeEvent.DEFECT, Why(Cause.DEFECT, defect(error), REPORT_IT))
+        self._change(ModeEvent.DEFECT, Why(Cause.DEFECT, defect(error), modes.REPORT_IT))
 
     def settle(self, why: Why) -> None:
         """Hold the pose measured last, in a contact as it is, while the last command acts."""
@@ -256,11 +234,11 @@ class Supervisor:
 
     def halt(self) -> None:
         """Hold until :meth:`resume`; command nothing now."""
-        self._change(ModeEvent.HALT, HALTED)
+        self._change(ModeEvent.HALT, modes.HALTED)
 
     def end(self) -> None:
         """Hold for good: after this nothing will be commanded."""
-        self._change(ModeEvent.END, DEACTIVATED)
+        self._change(ModeEvent.END, modes.DEACTIVATED)
 
     def resume(self) -> None:
         """Hold the measured pose, ready to follow; if the arm was stopped.
@@ -297,9 +275,9 @@ class Supervisor:
             InvalidMessageError: if it is too far from the present desired frame, not finite, one
                 of a stream that went on through a fault, or if the arm must not move now.
         """
-        guidance, clock, was_halted = self.guidance, self.admission.clock, self.state.is_halted
+        guidance, last, was_halted = self.guidance, self.admission.last, self.state.is_halted
         desired = guidance.motion
-        self._refuse_after_fault(clock.time(now))
+        self._refuse_after_fault(self.admission.now if now is None else now)
         if self.rate.is_too_low:
             raise InvalidMessageError(f"{self.rate.why.fault}; {self.rate.why.remedy}")
         if isinstance(motion, Poses) and not motion.is_timed and desired.limits is None:
@@ -310,12 +288,13 @@ class Supervisor:
         here = self.scheme.frame_at(self.q) if was_halted else desired.expected
         if guidance.is_braking and was_halted:
             raise InvalidMessageError("the arm brakes; send it when it is at rest")
-        refuse_reference(motion, clock.late(start), here, self.scheme.robot.reach, desired.max_jump)
+        late = 0.0 if start is None or last is None else (last.stamp - start) / 1e9
+        refuse_reference(motion, late, here, self.scheme.robot.reach, desired.max_jump)
         if was_halted:  # only now: what is refused does not move what is held
             self.scheme.resume(self.q)
             desired.hold(here)
-        elif guidance.is_braking and clock.last is not None:
-            guidance.release(clock.last.stamp)
+        elif guidance.is_braking and last is not None:
+            guidance.release(last.stamp)
         desired.follow(motion, start)
         self._change(ModeEvent.REFERENCE)
 
