@@ -17,7 +17,6 @@ from samples import about, by_angles, generator, near_pole, poles, rodrigues, un
 from tolerances import ALGEBRAIC, GUARD_ROUNDING, HELD, RELATIVE, assert_close
 
 from eulerparams_control.control.controller import Controller, ControllerOptions
-from eulerparams_control.control.guidance import refuse_reference
 from eulerparams_control.control.mode import Mode
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.clik import FEEDBACKS
@@ -31,7 +30,6 @@ from eulerparams_control.motion.trajectories import Trajectory, way_points
 MS = 1_000_000  # [ns]
 T_0 = 1_700_000_000_000_000_000  # [ns]
 LIMITS = MotionLimits(0.25, 1.0, 1.0, 4.0, 20.0, 80.0)
-ANYWHERE = (math.inf, math.inf)
 ANY_JUMP = ControllerOptions(max_jump_position=math.inf, max_jump_rotation=math.inf)
 
 pose_of = partial(tip_pose, UR5)
@@ -336,20 +334,22 @@ def test_what_leads_beyond_the_stretched_arm_is_refused_first(motion_to):
 
 
 def test_where_the_desired_frame_is_beyond_the_arm_a_reference_may_be_no_farther_out():
+    guidance = controller(ANY_JUMP).guidance
     here, back, farther = (out_of(UR5.reach, way, pose_of(HOME)) for way in (1.1, 1.05, 1.15))
     for frame in (here, back):
-        refuse_reference(SetPoint(frame, 0.1), 0.0, here, UR5.reach, ANYWHERE)
-        refuse_reference(Goal(frame), 0.0, here, UR5.reach, ANYWHERE)
+        guidance.refuse(SetPoint(frame, 0.1), 0.0, here)
+        guidance.refuse(Goal(frame), 0.0, here)
     with pytest.raises(InvalidMessageError, match=r"it is 1\.426 m .* links are 1\.240 m long"):
-        refuse_reference(SetPoint(farther, 0.1), 0.0, here, UR5.reach, ANYWHERE)
+        guidance.refuse(SetPoint(farther, 0.1), 0.0, here)
 
 
 def test_of_a_trajectory_that_is_late_only_what_is_to_come_has_to_be_within_reach():
+    guidance = controller(ANY_JUMP).guidance
     here, far = pose_of(HOME), out_of(UR5.reach, 1.2, pose_of(HOME))
     motion = Trajectory([0.0, 1.0, 2.0], [here, far, here])
-    refuse_reference(motion, 1.5, here, UR5.reach, ANYWHERE)
+    guidance.refuse(motion, 1.5, here)
     with pytest.raises(InvalidMessageError, match="out of reach"):
-        refuse_reference(motion, 0.5, here, UR5.reach, ANYWHERE)
+        guidance.refuse(motion, 0.5, here)
 
 
 def test_where_a_reference_is_required_there_is_silence_until_the_first():

@@ -114,9 +114,7 @@ def remedies() -> dict[str, str]:
     gain = LoopGain("k_Pp", 100.0, 100.0)
     whys = [found for found in vars(mode).values() if isinstance(found, Why)]
     whys += [
-        mode.leaps(0.2, 0.5),
         mode.stuck(""),
-        mode.runs_away("elbow_joint", 9.0),
         mode.contested("a, b"),
         clock.too_slow(0.02, gain, is_held=True),
         *map(mode.why_of, (SingularityError(), FollowingError(), ContactError())),

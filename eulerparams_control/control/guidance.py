@@ -21,7 +21,6 @@ from eulerparams_control.motion.references import Goal, Jog, SetPoint
 from eulerparams_control.motion.shaper import Reference, Shaper
 from eulerparams_control.motion.time_scale import TimeScale
 from eulerparams_control.motion.trajectories import Trajectory
-from eulerparams_control.robot.robot import Reach
 
 # In a step that is longer than this [s] a jerk is not small.
 _LONG = 0.005
@@ -148,6 +147,73 @@ class Guidance:
         self._scheme.skip()
         self._ticks = None, None
 
+    # --- references that must not be followed -----------------------------------------------
+
+    def is_far(self, here: DesiredFrame, there: DesiredFrame) -> bool:
+        """Return whether a frame is farther from another than a reference may jump."""
+        (way, angle), (most_way, most_angle) = distance(here, there), self._options.max_jump
+        return not (way <= most_way and angle <= most_angle)
+
+    def refuse(self, motion: Reference, late: float, here: DesiredFrame) -> None:
+        """Raise InvalidMessageError for a reference that leaps, leads out of reach, is not finite.
+
+        It has been going on for ``late`` [s].  What is no farther out than the present desired
+        frame ``here`` leads back.
+        """
+        if isinstance(motion, Jog):
+            _refuse_not_finite(motion.twist)
+            return
+        if isinstance(motion, Goal):
+            _refuse_not_finite(np.append(motion.frames[0].p_d, motion.frames[0].R_d))
+        if late < -_MAX_AHEAD:
+            raise InvalidMessageError(
+                f"the reference starts {-late:.0f} s after joint_states; are their clocks the same?"
+            )
+        reach = self._scheme.robot.reach
+        most = max(reach.radius, reach.distance(here.p_d)) + _ROOM
+        for frame in motion.to_come(late) if isinstance(motion, Trajectory) else motion.frames:
+            if not (way := reach.distance(frame.p_d)) <= most:
+                raise InvalidMessageError(
+                    f"the position {frame.p_d.round(3).tolist()} is out of reach: it is {way:.3f} "
+                    "m from the first joint of the arm, whose links are "
+                    f"{reach.radius:.3f} m long; expected metres, in the base frame"
+                )
+        if not isinstance(motion, Goal):
+            self._refuse_leap(motion, max(0.0, late), here)
+
+    def _refuse_leap(self, motion: Trajectory | SetPoint, late: float, here: DesiredFrame) -> None:
+        """Refuse a motion that begins too far away, and a set-point whose twist leads there."""
+        max_jump = self._options.max_jump
+        try:
+            if isinstance(motion, Trajectory):
+                there = motion.beginning(here, late)
+            else:
+                there = motion.sample(math.inf)  # where its twist ends
+        except SingularityError as error:
+            raise InvalidMessageError(f"the reference is no motion: {error}") from error
+        if isinstance(motion, SetPoint):
+            frame, T = motion.frames[0], motion.lasting
+            leads = [
+                float(np.linalg.norm(v)) * T + float(np.linalg.norm(a)) * T**2 / 2
+                for v, a in ((frame.dp_d, frame.ddp_d), (frame.omega_d, frame.domega_d))
+            ]
+            if not (leads[0] <= max_jump[0] and leads[1] <= max_jump[1]):
+                raise InvalidMessageError(
+                    f"the twist of the set-point leads {leads[0]:.3g} m and {leads[1]:.3g} rad "
+                    f"away within {T:g} s; at most {max_jump[0]:g} m and {max_jump[1]:g} rad "
+                    "(max_jump_position, max_jump_rotation) are followed without the next one"
+                )
+        if self.is_far(here, there):
+            way, angle = distance(here, there)
+            raise InvalidMessageError(
+                f"the reference begins {way:.3f} m and {math.degrees(angle):.1f} deg away from the "
+                f"present desired frame; at most {max_jump[0]} m and "
+                f"{math.degrees(max_jump[1]):.1f} deg are followed at once: give its first point a "
+                "time_from_start > 0, or raise max_jump_position and max_jump_rotation"
+            )
+
+    # --- the desired frame of each state ------------------------------------------------------
+
     def most_fall(self, dt: float, joints: JointLimits) -> Array:
         """Return by how much (n,) limits of the speeds may be lowered within dt [s].
 
@@ -233,81 +299,6 @@ class Guidance:
         return V_now.V, V_now.dV, (V_now.V - V_before.V) / self._dt
 
 
-# --- references that must not be followed -----------------------------------------------------
-
-
-def is_far(here: DesiredFrame, there: DesiredFrame, max_jump: tuple[float, float]) -> bool:
-    """Return whether a frame is farther [m], [rad] from another than a reference may jump."""
-    way, angle = distance(here, there)
-    return not (way <= max_jump[0] and angle <= max_jump[1])
-
-
-def refuse_reference(
-    motion: Reference, late: float, here: DesiredFrame, reach: Reach, max_jump: tuple[float, float]
-) -> None:
-    """Raise InvalidMessageError for a reference that leaps, leads out of reach, or is not finite.
-
-    Args:
-        motion: that comes.
-        late: for how long [s] it has been going on.
-        here: the present desired frame; what is no farther out than that leads back.
-        reach: of the arm.
-        max_jump: [m], [rad] by which the reference may be away from ``here``.
-    """
-    if isinstance(motion, Jog):
-        _refuse_not_finite(motion.twist)
-        return
-    if isinstance(motion, Goal):
-        _refuse_not_finite(np.append(motion.frames[0].p_d, motion.frames[0].R_d))
-    if late < -_MAX_AHEAD:
-        raise InvalidMessageError(
-            f"the reference starts {-late:.0f} s after joint_states; are their clocks the same?"
-        )
-    most = max(reach.radius, reach.distance(here.p_d)) + _ROOM
-    for frame in motion.to_come(late) if isinstance(motion, Trajectory) else motion.frames:
-        if not (way := reach.distance(frame.p_d)) <= most:
-            raise InvalidMessageError(
-                f"the position {frame.p_d.round(3).tolist()} is out of reach: it is {way:.3f} m "
-                f"from the first joint of the arm, whose links are {reach.radius:.3f} m long; "
-                "expected metres, in the base frame"
-            )
-    if not isinstance(motion, Goal):
-        _refuse_leap(motion, max(0.0, late), here, max_jump)
-
-
 def _refuse_not_finite(target: Array) -> None:
     if not np.isfinite(target).all():
         raise InvalidMessageError(f"the target is {target.tolist()}; expected finite values")
-
-
-def _refuse_leap(
-    motion: Trajectory | SetPoint, late: float, here: DesiredFrame, max_jump: tuple[float, float]
-) -> None:
-    """Refuse a motion that begins too far away, and a set-point whose twist leads there."""
-    try:
-        if isinstance(motion, Trajectory):
-            there = motion.beginning(here, late)
-        else:
-            there = motion.sample(math.inf)  # where its twist ends
-    except SingularityError as error:
-        raise InvalidMessageError(f"the reference is no motion: {error}") from error
-    if isinstance(motion, SetPoint):
-        frame, T = motion.frames[0], motion.lasting
-        leads = [
-            float(np.linalg.norm(v)) * T + float(np.linalg.norm(a)) * T**2 / 2
-            for v, a in ((frame.dp_d, frame.ddp_d), (frame.omega_d, frame.domega_d))
-        ]
-        if not (leads[0] <= max_jump[0] and leads[1] <= max_jump[1]):
-            raise InvalidMessageError(
-                f"the twist of the set-point leads {leads[0]:.3g} m and {leads[1]:.3g} rad away "
-                f"within {T:g} s; at most {max_jump[0]:g} m and {max_jump[1]:g} rad "
-                "(max_jump_position, max_jump_rotation) are followed without the next one"
-            )
-    if is_far(here, there, max_jump):
-        way, angle = distance(here, there)
-        raise InvalidMessageError(
-            f"the reference begins {way:.3f} m and {math.degrees(angle):.1f} deg away from the "
-            f"present desired frame; at most {max_jump[0]} m and {math.degrees(max_jump[1]):.1f} "
-            "deg are followed at once: give its first point a time_from_start > 0, or raise "
-            "max_jump_position and max_jump_rotation"
-        )

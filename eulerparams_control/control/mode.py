@@ -1,6 +1,5 @@
 """The modes of a controller, what changes them, and the table of transitions."""
 
-import math
 from dataclasses import dataclass, replace
 from enum import Enum, IntEnum, StrEnum, auto
 from typing import NamedTuple
@@ -109,13 +108,16 @@ class ModeEvent(Enum):
     RECOVERED = auto()  # the arm is at rest again, or its positions change again
 
 
-_ENDS = {
-    ModeEvent.FAULT: Mode.STOPPED,
-    ModeEvent.DEFECT: Mode.STOPPED,
-    ModeEvent.HALT: Mode.STOPPED,
-    ModeEvent.END: Mode.STOPPED,
-    ModeEvent.RUNS_AWAY: Mode.RELEASING,
-    ModeEvent.FROZEN: Mode.RELEASING,
+# The events that stop an arm: the mode they lead to, and what leads out of it.
+_STOPS = {
+    ModeEvent.FAULT: (Mode.STOPPED, Latch.PAUSE),
+    ModeEvent.DEFECT: (Mode.STOPPED, Latch.NEVER),
+    ModeEvent.HALT: (Mode.STOPPED, Latch.RESUME),
+    ModeEvent.END: (Mode.STOPPED, Latch.NEVER),
+    ModeEvent.RUNS_AWAY: (Mode.RELEASING, Latch.RESUME),  # nothing restarts by itself: ISO 10218
+    ModeEvent.FROZEN: (Mode.RELEASING, Latch.PAUSE),
+}
+_ENDS = {event: mode for event, (mode, _) in _STOPS.items()} | {
     ModeEvent.DISTRUST: Mode.DISTRUSTING,
     ModeEvent.REFERENCE: Mode.FOLLOWING,
 }
@@ -133,16 +135,6 @@ TRANSITIONS: dict[Mode, dict[ModeEvent, Mode]] = {
     Mode.DISTRUSTING: {ModeEvent.TRUST: Mode.HOLDING},  # or what it held back
 }
 """Which mode an event leads to; an event that is not in a row leaves the mode as it is."""
-
-
-_LATCHES = {
-    ModeEvent.FAULT: Latch.PAUSE,
-    ModeEvent.RUNS_AWAY: Latch.RESUME,  # nothing restarts by itself: ISO 10218
-    ModeEvent.FROZEN: Latch.PAUSE,
-    ModeEvent.HALT: Latch.RESUME,
-    ModeEvent.END: Latch.NEVER,
-    ModeEvent.DEFECT: Latch.NEVER,
-}
 
 
 @dataclass
@@ -193,7 +185,8 @@ class ModeState:
         to, latch = TRANSITIONS[self.mode].get(event, self.mode), self.latch
         if event in (ModeEvent.REFERENCE, ModeEvent.RESUME) and latch is not Latch.NEVER:
             latch = Latch.NONE
-        latch = max(latch, _LATCHES.get(event, Latch.NONE))
+        elif event in _STOPS:
+            latch = max(latch, _STOPS[event][1])
         if to is Mode.DISTRUSTING:
             return self.distrusted(why.at)
         if to is self.mode is Mode.STOPPED and event not in (ModeEvent.FAULT, ModeEvent.DEFECT):
@@ -250,6 +243,14 @@ FROZEN_ENCODER = Why(
     "joint_states reports speeds, but positions that stay the same to the bit",
     f"see to the robot's driver or encoders, then {SEND_AGAIN}",
 )
+REFERENCE_LEAPS = Why(
+    Cause.REFERENCE_LEAPS,
+    remedy="begin where the arm is, or raise max_jump_position and max_jump_rotation",
+)
+RUNAWAY = Why(
+    Cause.RUNAWAY,
+    remedy=f"see to delays and to the model of the arm, or lower the gains; then {CALL_RESUME}",
+)
 NO_STATES = Why(
     Cause.NO_STATES,
     remedy="see to the robot and the network; when they are back the arm is held where it is",
@@ -292,25 +293,6 @@ def replaced(names: str) -> Why:
         "of two publishers of joint_states the one is left that was not believed before, of "
         f"{names}",
         "if it is the driver of the robot call ~/resume, else end it and start the driver",
-    )
-
-
-def leaps(distance: float, angle: float) -> Why:
-    """Return why an arm is held whose reference began far away [m, rad] from where it was."""
-    return Why(
-        Cause.REFERENCE_LEAPS,
-        f"the reference began {distance:.3f} m and {math.degrees(angle):.1f} deg away from the "
-        "desired frame of then",
-        "begin where the arm is, or raise max_jump_position and max_jump_rotation",
-    )
-
-
-def runs_away(joint: str, speed: float) -> Why:
-    """Return why the efforts of an arm are released one of whose joints is too fast [rad/s]."""
-    return Why(
-        Cause.RUNAWAY,
-        f"the arm runs away, {joint} at {speed:.3g} rad/s: it gets no more efforts",
-        f"see to delays and to the model of the arm, or lower the gains; then {CALL_RESUME}",
     )
 
 

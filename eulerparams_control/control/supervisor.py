@@ -11,12 +11,7 @@ import numpy as np
 from eulerparams_control.control import mode as modes
 from eulerparams_control.control.admission import AT_REST, FROZEN, Accept, Admission
 from eulerparams_control.control.clock import Instant
-from eulerparams_control.control.guidance import (
-    ControllerOptions,
-    Guidance,
-    is_far,
-    refuse_reference,
-)
+from eulerparams_control.control.guidance import ControllerOptions, Guidance
 from eulerparams_control.control.limiter import Limiter
 from eulerparams_control.control.mode import Cause, Latch, Mode, ModeEvent, ModeState, Why
 from eulerparams_control.errors import InvalidMessageError, defect
@@ -43,15 +38,11 @@ _ON_THE_PATH = frozenset(
 
 
 class Supervisor:
-    """Keeps the mode of an arm.
-
-    Args:
-        scheme: the control scheme.
-        options: how it treats time and references.
-        q: (n,) measured positions at activation; their pose is held at first.
+    """Keeps the mode of an arm; ``q`` (n,) was measured at activation, its pose is held at first.
 
     Attributes:
-        admission: of the states; its ``rate`` says whether they come often enough.
+        admission: of the states.
+        rate: whether they come often enough.
         guidance: the desired motion.
         limiter: of the commands.
         state: the mode and what it keeps.
@@ -133,7 +124,7 @@ class Supervisor:
         if state.restart is None:
             if motion.is_holding:
                 self._begin(state.q)  # the arm may have moved since activation
-            elif is_far(motion.last, self.scheme.frame_at(state.q), motion.max_jump):
+            elif self.guidance.is_far(motion.last, self.scheme.frame_at(state.q)):
                 self._begin(state.q)
                 self._change(ModeEvent.FAULT, modes.ARM_MOVED._replace(at=at.seconds))
             return state
@@ -181,8 +172,9 @@ class Supervisor:
         excess = np.abs(self.dq) - np.maximum(most * limits, _SLOW)
         i = int(excess.argmax())
         if excess[i] > 0:
-            why = modes.runs_away(self.scheme.robot.joints[i], self.dq[i])
-            self._change(ModeEvent.RUNS_AWAY, why)
+            fast = f"{self.scheme.robot.joints[i]} at {self.dq[i]:.3g} rad/s"
+            fault = f"the arm runs away, {fast}: it gets no more efforts"
+            self._change(ModeEvent.RUNS_AWAY, modes.RUNAWAY._replace(fault=fault))
 
     def _is_rate_too_low(self) -> bool:
         """Hold an arm whose states come too seldom; return whether even that is not possible."""
@@ -206,8 +198,10 @@ class Supervisor:
         if self.mode is Mode.FOLLOWING and motion.has_stopped(t):
             self.state.why = modes.STREAM_ENDED
         if motion.leap is not None:
-            why, motion.leap = modes.leaps(*motion.leap), None
-            self._change(ModeEvent.FAULT, why)
+            way, angle = motion.leap
+            motion.leap, far = None, f"{way:.3f} m and {math.degrees(angle):.1f} deg away"
+            fault = f"the reference began {far} from the desired frame of then"
+            self._change(ModeEvent.FAULT, modes.REFERENCE_LEAPS._replace(fault=fault))
         elif motion.is_stalled(t):
             self._change(ModeEvent.FAULT, modes.NEVER_BEGINS)
 
@@ -266,10 +260,7 @@ class Supervisor:
     def follow(self, motion: Reference, start: int | None, now: float | None = None) -> None:
         """Follow a motion from the stamp ``start`` [ns], or from the next state if None.
 
-        Args:
-            motion: what to follow.
-            start: stamp [ns].
-            now: when it came, steady clock [s]; None: time goes by the stamps alone.
+        ``now`` is when it came, steady clock [s]; None: time goes by the stamps alone.
 
         Raises:
             InvalidMessageError: if it is too far from the present desired frame, not finite, one
@@ -289,7 +280,7 @@ class Supervisor:
         if guidance.is_braking and was_halted:
             raise InvalidMessageError("the arm brakes; send it when it is at rest")
         late = 0.0 if start is None or last is None else (last.stamp - start) / 1e9
-        refuse_reference(motion, late, here, self.scheme.robot.reach, desired.max_jump)
+        guidance.refuse(motion, late, here)
         if was_halted:  # only now: what is refused does not move what is held
             self.scheme.resume(self.q)
             desired.hold(here)
@@ -309,7 +300,7 @@ class Supervisor:
         if state.latch is Latch.NONE:
             return
         held = f"the arm is held ({why.fault or why.cause})"
-        if state.latch is not Latch.PAUSE or state.is_runaway:
+        if state.latch is not Latch.PAUSE:
             raise InvalidMessageError(f"{held}; {state.remedy}")
         if min(since, t - why.at) < _PAUSE:
             raise InvalidMessageError(
