@@ -78,12 +78,8 @@ class Accept(NamedTuple):
 class Admission:
     """Refuses states that the robot cannot have reached, and those that come too late.
 
-    Args:
-        robot: the arm.
-        timeout: [s] gap in the stamps, or silence, after which the arm may be anywhere.
-        max_latency: [s] by which a state may come later than the best one did.
-        strict: whether positions and speeds are checked; else stamps and ages only.
-        q: (n,) measured positions at activation.
+    After a gap of ``timeout`` [s] in the stamps, or a silence, the arm may be anywhere.  Unless
+    ``strict`` only stamps and ages are checked.
 
     Attributes:
         last: when the state was that was taken last; None before the first.
@@ -125,11 +121,8 @@ class Admission:
     ) -> Accept:
         """Return what the state q, dq (n,) measured at an instant is.
 
-        Args:
-            at: when it was.
-            q, dq: (n,) as they came.
-            q_c: (n,) of the last command, to which continuous joints are nearest after a gap.
-            patient: whether states that stay late are taken in the end.
+        After a gap continuous joints are nearest to q_c (n,) of the last command.  ``patient``:
+        whether states that stay late are taken in the end.
 
         Raises:
             InvalidMessageError: unless it can be one of the robot, and of now.
@@ -179,10 +172,9 @@ class Admission:
         return Accept(q, code, dt, min(acted, longest), lost, leapt)
 
     def take(self, at: Instant | None) -> None:
-        """Take the state for the last one; what it brings about has happened.
+        """Take the state for the last one, as what it brings about has happened.
 
-        Args:
-            at: when it was; None: it does not count, but for the turns of its joints.
+        Without an instant it does not count, but for the turns of its joints.
         """
         last = self.last
         if self._back >= _SET_BACK or (at and last and at.stamp < last.stamp):
@@ -267,15 +259,10 @@ def check_numbers(
 ) -> tuple[int, Array]:
     """Return the code of the state q, dq (n,), dt [s] after the last one by the stamps; its rows.
 
-    Args:
-        q, dq: (n,) as they came.
-        near: (n,) where joints that turn are nearest to; none: to the last state.
-        before, joints: rows of the last state, and of the joints.
-        dt: [s].
-        follows: whether there is a last state, and ``dt`` is short enough to compare with it;
-            whether there was no silence, either; and whether the driver may have lost its count of
-            turns.  Then a joint that was never seen to jump by a turn is where it says it is: a
-            command a turn away would move it.
+    Joints that turn are taken nearest to ``near`` (n,); without, to the last state.  ``follows``:
+    whether there is a last state, and ``dt`` is short enough to compare with it; whether there was
+    no silence, either; and whether the driver may have lost its count of turns.  Then a joint that
+    was never seen to jump by a turn is where it says it is: a command a turn away would move it.
     """
     code, stays, now = SAME, True, np.zeros(before.shape)
     is_next, goes_on, is_lost = follows

@@ -65,12 +65,6 @@ class Instant(NamedTuple):
         """The time [s] that counts."""
         return self.stamp / 1e9 if self.receipt is None else self.receipt
 
-    def since(self, other: "Instant") -> float:
-        """Return the time [s] that has passed since another instant."""
-        if self.receipt is None or other.receipt is None:
-            return (self.stamp - other.stamp) / 1e9
-        return self.receipt - other.receipt
-
 
 class _Verdict(IntEnum):
     FINE = 0

@@ -42,11 +42,7 @@ class Controller(Supervisor):
         A state seen before gets the same command again.  After a stamp that jumps back or
         too far ahead, or after a silence, nothing is integrated over it: the controller holds the
         pose measured then, after it has braked along its path if only the stamps jumped.
-
-        Args:
-            t: stamp [ns].
-            q, dq: (n,) measured.
-            now: when it came, steady clock [s]; None: ages go by the stamps alone.
+        ``now`` is when the state came, steady clock [s]; None: ages go by the stamps alone.
 
         Raises:
             InvalidMessageError: if the state is older than the last one, or the robot cannot
@@ -145,7 +141,7 @@ class Controller(Supervisor):
                 self._change(ModeEvent.FAULT, why_of(error))
         self.command = self.command or self._released(at, acted)
         if self.command is not None:
-            self._left = at
+            self._left = at.seconds
         return self.command
 
     def _released(self, at: Instant, acted: float) -> JointCommand | None:

@@ -64,13 +64,10 @@ class Limiter:
     def __call__(
         self, command: JointCommand, q: Array, elapsed: float, dt: float = 0.0
     ) -> JointCommand:
-        """Return the command within all bounds.
+        """Return a command of the scheme, ``elapsed`` [s] after the last one, within all bounds.
 
-        Args:
-            command: of the scheme; positions and velocities together, efforts, or none.
-            q: (n,) measured positions: where the arm is beyond its limits, it may come back.
-            elapsed: [s] since the command before.
-            dt: [s] over which its velocity was integrated; 0: over what has elapsed.
+        Where the arm is beyond its limits, at the measured q (n,), it may come back.  dt [s] is
+        what the velocities were integrated over; 0: what has elapsed.
 
         Raises:
             UnsafeCommandError: if a value is not finite; the command before still counts then.

@@ -53,13 +53,10 @@ class Nearness(Enum):
 
 
 class Pace:
-    """The pace of the desired motion.
+    """The pace of the desired motion, within the limits of the joints and of the tip.
 
-    Args:
-        limits: of the joints; None slows nothing down.
-        threshold: singular value below which the motion slows down; 0 never.
-        length: characteristic length of the arm [m], by which J is without units.
-        motion: limits of the tip, within which it brakes before a singularity; None: it does not.
+    Below the singular value ``threshold`` of J, whose units ``length`` [m] takes away, it slows
+    down; 0 never.  None for limits slows nothing down.
 
     Attributes:
         wanted: s, from ``LEAST`` to 1; from ``CREEP`` for the limits of the speeds.

@@ -64,7 +64,7 @@ class Supervisor:
         self.resets = self.stops = 0
         self.command: JointCommand | None = None
         self.q, self.dq = q, np.zeros_like(q)
-        self._left: Instant | None = None  # when the last command left, if it still may count
+        self._left: float | None = None  # when the last command left [s], if it still may count
         self._halted = 0.0  # for how long [s] efforts were to stop the arm
         self._asked = -math.inf  # when something came last that is to move the arm [s]
         self._begin(q)
@@ -153,7 +153,7 @@ class Supervisor:
             self._change(ModeEvent.FROZEN, modes.FROZEN_ENCODER)  # there is nothing to control by
             return
         left, timeout = self._left, self._options.state_timeout
-        if self.command is None and left is not None and not 0 <= at.since(left) <= timeout:
+        if self.command is None and left is not None and not 0 <= at.seconds - left <= timeout:
             self._begin(state.q)  # the robot has braked since
             self._change(ModeEvent.RESTART, modes.COMMAND_SILENCE)
         mode = self.state
