@@ -13,7 +13,7 @@ from driven import CHECKED, LIMITS, MS, T_0, Driver, moved
 from samples import generator
 from tolerances import RELATIVE, assert_close
 
-from eulerparams_control.control.clock import Latency, NominalPeriod
+from eulerparams_control.control.clock import Latency, Rate
 from eulerparams_control.control.controller import ControllerOptions
 from eulerparams_control.control.mode import Cause, Mode
 from eulerparams_control.errors import InvalidMessageError, RobotError
@@ -261,15 +261,15 @@ def periods(text):
 def test_after_nine_steps_the_usual_period_is_known_whatever_is_lost_or_late(
     steps, seconds, missed
 ):
-    period = NominalPeriod()
+    rate = Rate(0.1)
     for step in steps:
-        period.take(step)
-    assert period.seconds == pytest.approx(seconds, rel=0.06)
-    assert missed is None or period.missed == missed
-    first, known = NominalPeriod(), []
+        rate.take(step)
+    assert rate.period == pytest.approx(seconds, rel=0.06)
+    assert missed is None or rate.missed == missed
+    first, known = Rate(0.1), []
     for step in [0.3, *[0.1] * 8]:
         first.take(step)
-        known.append((first.least, first.seconds))
+        known.append((first.least, first.period))
     assert known == [(0, 0)] * 2 + [(0.1 / 1.5, 0)] * 6 + [(0.1, 0.1)]
 
 

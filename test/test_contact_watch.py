@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from arms import HOME, STILL, UR5, pose_of
 
-from eulerparams_control.control.controller import why_of
-from eulerparams_control.control.mode import Cause
+from eulerparams_control.control.mode import Cause, why_of
 from eulerparams_control.errors import ConfigurationError, ContactError
 from eulerparams_control.laws.contact_bound import stiffest_contact
 from eulerparams_control.laws.contact_watch import ContactWatch, Oscillation

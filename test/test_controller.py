@@ -15,7 +15,6 @@ from tolerances import ALGEBRAIC, GUARD_ROUNDING, HELD, RELATIVE, assert_close
 
 from eulerparams_control.control.controller import ControllerOptions
 from eulerparams_control.control.mode import Mode
-from eulerparams_control.control.references import References
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.clik import FEEDBACKS
 from eulerparams_control.laws.orientation import ORIENTATIONS, SEQUENCES, SIGNS
@@ -241,18 +240,18 @@ def test_what_leads_beyond_the_stretched_arm_is_refused_first(motion_to, far):
 
 
 def test_from_beyond_the_arm_a_reference_may_lead_back_and_of_a_late_one_the_rest_is_judged():
-    references = References(math.inf, math.inf, UR5.reach)
+    guidance = standing(ANY_JUMP).guidance
     here, back, farther = map(out_of, (1.1, 1.05, 1.15))
     for frame in (here, back):
-        references.refuse_jump(SetPoint(frame, 0.1), 0.0, here)
-        references.refuse_target(Goal(frame), here)
+        guidance.refuse(SetPoint(frame, 0.1), 0.0, here)
+        guidance.refuse(Goal(frame), 0.0, here)
     with pytest.raises(InvalidMessageError, match=r"it is 1\.426 m .* links are 1\.240 m long"):
-        references.refuse_jump(SetPoint(farther, 0.1), 0.0, here)
+        guidance.refuse(SetPoint(farther, 0.1), 0.0, here)
     home = pose_of(HOME)
     motion = Trajectory([0.0, 1.0, 2.0], [home, farther, home])
-    references.refuse_jump(motion, 1.5, home)
+    guidance.refuse(motion, 1.5, home)
     with pytest.raises(InvalidMessageError, match="out of reach"):
-        references.refuse_jump(motion, 0.5, home)
+        guidance.refuse(motion, 0.5, home)
 
 
 def test_where_a_reference_is_required_there_is_silence_until_the_first():

@@ -13,11 +13,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from eulerparams_control.bags.ros.recorder_node import RecorderParameters
 from eulerparams_control.command_line import executables
-from eulerparams_control.control import controller, mode, supervisor
+from eulerparams_control.control import clock, mode
 from eulerparams_control.control.mode import Cause, Why
 from eulerparams_control.errors import (
     ContactError,
@@ -114,18 +112,13 @@ def robots(_: str) -> str:
 def remedies() -> dict[str, str]:
     """Return what a controller says is to be done about each cause, with numbers as examples."""
     gain = LoopGain("k_Pp", 100.0, 100.0)
-    reasons = vars(mode) | vars(supervisor) | vars(controller)
-    whys = [found for found in reasons.values() if isinstance(found, Why)]
+    whys = [found for found in vars(mode).values() if isinstance(found, Why)]
     whys += [
-        controller.leaps(0.2, 0.5),
         mode.stuck(""),
-        supervisor.runs_away(["elbow_joint"], np.array([9.0]), 1.5, np.array([3.0])),
         mode.contested("a, b"),
-        mode.too_slow(0.02, gain, 0.5, is_held=True),
-        mode.restarted(0.5, 0.0, has_jumped=True),
-        mode.restarted(0.0, 0.5, has_jumped=False),
-        *map(controller.why_of, (SingularityError(), FollowingError(), ContactError())),
-        *map(controller.why_of, (OverloadError(), UnsafeCommandError())),
+        clock.too_slow(0.02, gain, is_held=True),
+        *map(mode.why_of, (SingularityError(), FollowingError(), ContactError())),
+        *map(mode.why_of, (OverloadError(), UnsafeCommandError())),
         Why(Cause.DEFECT, remedy=mode.REPORT_IT),
         wrench_input.lost(""),
         wrench_input.STUCK,

@@ -1,9 +1,9 @@
 """The machine around a law: time, modes, references, and what watches over its commands.
 
-``controller``  from a measured state to its command, and what is asked of the arm
-``supervisor``  its mode, and what states and orders make of it; ``mode`` the table
-``admission``   which states are believed; ``clock`` time, and how states age
-``guidance``    the law on its motion; ``references`` which motions are refused
-``pace``        the slow-down towards kinematic singularities and joint limits
+``controller``  from a measured state to its command, and the limits on that
+``supervisor``  what changes the mode: states, orders, references; ``mode`` the table, the causes
+``admission``   which states are believed; ``clock`` time, how states age, how often they come
+``guidance``    which references are refused, and the desired frame of each state; ``pace`` its
+                slow-down towards kinematic singularities and joint limits
 ``limiter``     the last look at a command before it leaves
 """

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.control.clock import Clock, Instant, Latency, NominalPeriod
-from eulerparams_control.control.mode import Why, restarted
+from eulerparams_control.control.clock import Instant, Latency, Rate
+from eulerparams_control.control.mode import SILENCE, STAMP_JUMP, Why
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.laws.jit import Array, b1, f8, i8, jit, matrix, new_matrix, types, vector
 from eulerparams_control.laws.limits import NONE, difference
@@ -43,120 +43,92 @@ _SAME_ARM = 0.03
 AT_REST = 0.01
 """Slower than this [rad/s or m/s] a joint is at rest."""
 
-# Speeds under efforts, as multiples of their limit, beyond which an arm runs away: one that moves,
-# and one that was to stop.  What is measured is late, or the model is wrong, and only the brakes of
-# the robot can stop it.  A joint that is slower than this [rad/s or m/s] does not run away.
-RUNAWAY, SWINGING, _SLOW = 1.5, 0.5, 0.1
-
-SAME, AGAIN, FAST, FAR, MOVED, FROZEN, RUNS, SWINGS = (1 << bit for bit in range(8))
+SAME, AGAIN, FAST, FAR, MOVED, FROZEN = (1 << bit for bit in range(6))
 """Codes of a state: it is the last one, or has its stamp; a joint is too fast, or too far from the
-last state; the arm is another one; positions stay although it moves; it runs away, or would while
-it is held."""
+last state; the arm is another one; positions stay although it moves."""
 
 # Rows of a state: positions and speeds, how far [rad or m] positions that stay should be, whole
 # turns that were added to what the driver says, and whether it was seen to jump by a turn.
 _Q, _DQ, _UNMOVED, _TURNS, _WRAPS = range(5)
 
-# Rows of the joints: speeds that none has, which ones have no limit, which of these turn; and the
-# limits of the speeds of one that may run away, or infinity.
-_FASTEST, _ENDLESS, _TURNING, _LIMIT = range(4)
-
-
-class Restart(NamedTuple):
-    """The stamps jumped, or no state came for long."""
-
-    why: Why
-    is_silence: bool  # no state came for long
-    is_same_arm: bool  # the arm is where it was
-    acts: bool  # the last command still acts
-    step: float  # [s] that the arm has gone on since, if it does: the usual period; 0: not known
-    jump: int  # [ns] of the stamps beyond that
+# Rows of the joints: speeds that none has, which ones have no limit, and which of these turn.
+_FASTEST, _ENDLESS, _TURNING = range(3)
 
 
 class Accept(NamedTuple):
-    """A new state.
+    """A new state."""
 
-    Attributes:
-        q: (n,) positions, which go on where joints are continuous.
-        code: what the numbers say.
-        dt: [s] since the last one; 0 at the first, and after a restart.
-        acted: [s] for which the command before has acted; of a state that repeats the stamp of the
-            last one, how long [s] it has stayed.
-        lost: [s] of dt that no law is to integrate over: states are missing.
-        leapt: [s] of it by which the stamps alone went on: no time has passed; below 0: by which
-            they were set back, and more has.
-        is_first: whether it is the first.
-        restart: what happened before it; None if it follows the last one.
-    """
-
-    q: Array
-    code: int
-    dt: float = 0.0
+    q: Array  # (n,) positions, which go on where joints are continuous
+    code: int  # what the numbers say
+    dt: float = 0.0  # [s] since the last one; 0 at the first, and after a restart
+    # [s] for which the command before has acted; of a state that repeats the stamp of the last one,
+    # how long that has stayed
     acted: float = 0.0
-    lost: float = 0.0
+    lost: float = 0.0  # [s] of dt that no law is to integrate over: states are missing
+    # [s] of dt by which the stamps alone went on: no time has passed; below 0: by which they were
+    # set back, and more has
     leapt: float = 0.0
-    is_first: bool = False
-    restart: Restart | None = None
+    restart: Why | None = None  # a jump of the stamps, or a silence; None if it follows the last
+    is_another_arm: bool = False  # the stamps jumped to an arm elsewhere
+    acts: bool = False  # the last command still acts, on an arm that is where it was, after that
+    step: float = 0.0  # [s] that this arm has gone on: the usual period; 0: not known
+    jump: int = 0  # [ns] of the stamps beyond that
 
 
 class Admission:
     """Refuses states that the robot cannot have reached, and those that come too late.
 
-    Args:
-        robot: the arm.
-        timeout: [s] gap in the stamps, or silence, after which the arm may be anywhere.
-        max_latency: [s] by which a state may come later than the best one did.
-        strict: whether positions and speeds are checked; else stamps and ages only.
-        q: (n,) measured positions at activation.
+    After a gap of ``timeout`` [s] in the stamps, or a silence, the arm may be anywhere.  Unless
+    ``strict`` only stamps and ages are checked.
 
     Attributes:
-        clock: of the states that were taken.
-        period: the usual time between them.
+        last: when the state was that was taken last; None before the first.
+        rate: of their stamps.
         set_backs: how often the clock of their stamps was set back.
     """
 
     def __init__(
         self, robot: Robot, timeout: float, max_latency: float, strict: bool, q: Array
     ) -> None:
-        self.clock, self.period = Clock(), NominalPeriod()
+        self.last: Instant | None = None
+        self.rate, self.set_backs = Rate(timeout), 0
         # when [s] the last states came that contradict the ones before
         self._conflicts: deque[float] = deque(maxlen=_CONFLICTS)
-        self.set_backs = 0
         self._robot, self._timeout = robot, timeout
         self._believed = ~0 if strict else ~(FAST | FAR | FROZEN)
         endless = np.isinf(robot.limits.upper)
         fastest = _MOST_SPEED * robot.limits.velocity
-        self._joints = np.array([fastest, endless, endless & ~robot.is_prismatic, 0.0 * fastest])
-        self._last = np.zeros((_WRAPS + 1, robot.n))
-        self._last[_Q] = q
-        self._this = self._last  # the state that was judged, which may be taken
+        self._joints = np.array([fastest, endless, endless & ~robot.is_prismatic])
+        self._before = np.zeros((_WRAPS + 1, robot.n))
+        self._before[_Q] = q
+        self._this = self._before  # the state that was judged, which may be taken
         self._latency = Latency(max_latency)
         self._back, self._back_at = 0, 0  # stamps in a row that are behind, and the last [ns]
+
+    @property
+    def now(self) -> float:
+        """The time [s] of the last state; 0 before the first."""
+        return 0.0 if self.last is None else self.last.seconds
 
     @property
     def is_contested(self) -> bool:
         """Whether states contradict each other again and again, as those of two robots do."""
         times = self._conflicts
-        return len(times) == _CONFLICTS and self.clock.now() - times[0] < _CONTEST
+        return len(times) == _CONFLICTS and self.now - times[0] < _CONTEST
 
     def admit(
-        self, at: Instant, q: Array, dq: Array, q_c: Array | None, velocity: Array | float,
-        patient: bool,
-    ) -> Accept:  # fmt: skip
+        self, at: Instant, q: Array, dq: Array, q_c: Array | None, *, patient: bool
+    ) -> Accept:
         """Return what the state q, dq (n,) measured at an instant is.
 
-        Args:
-            at: when it was.
-            q, dq: (n,) as they came.
-            q_c: (n,) of the last command, to which continuous joints are nearest after a gap.
-            velocity: limits (n,) of the speeds under efforts; infinity: there are none.
-            patient: whether states that stay late are taken in the end.
+        After a gap continuous joints are nearest to q_c (n,) of the last command.  ``patient``:
+        whether states that stay late are taken in the end.
 
         Raises:
             InvalidMessageError: unless it can be one of the robot, and of now.
             RobotError: if q or dq has not n elements.
         """
-        timeout, last, receipt = self._timeout, self.clock.last, at.receipt
+        timeout, last, receipt = self._timeout, self.last, at.receipt
         if len(q) != self._robot.n or len(dq) != self._robot.n:
             self._robot.refuse_size(q, dq)
         # how far the stamps went on, and how long no state came [s]; 0 if that is not known
@@ -165,19 +137,19 @@ class Admission:
         silence = 0.0 if receipt is None or before is None else receipt - before
         if -timeout < dt < 0:
             self._refuse_older(at, dt)
-        is_first, is_set_back = last is None, self._back >= _SET_BACK
+        is_set_back = self._back >= _SET_BACK
         if is_set_back or dt < 0:  # by another clock nothing is late
             self._latency.forget()
         is_near = 0 <= dt <= timeout
         goes_on = is_near and silence <= timeout
         is_lost = silence > timeout or (receipt is None and dt > timeout)
         near = NONE if goes_on or q_c is None else q_c
-        follows, self._joints[_LIMIT] = (is_near and not is_first, goes_on, is_lost), velocity
-        code, self._this = check_numbers(q, dq, near, self._last, self._joints, dt, follows)
+        follows = is_near and last is not None, goes_on, is_lost
+        code, self._this = check_numbers(q, dq, near, self._before, self._joints, dt, follows)
         code &= self._believed
         if code & (FAST | FAR):
             self._refuse_impossible(at, dt, q, dq, code)
-        if receipt is not None and (dt != 0 or is_first):
+        if receipt is not None and (dt != 0 or last is None):
             self._refuse_late(at.stamp, receipt, patient)
         if last is not None and at.stamp == last.stamp:
             if is_set_back:  # its clock was here before
@@ -185,51 +157,57 @@ class Admission:
             elif not code & SAME:
                 self._conflicts.append(at.seconds)
             return Accept(q, code | AGAIN, acted=silence)
-        usual, restart = self.period.seconds, None
-        self.period.take(dt)
+        usual = self.rate.period
+        self.rate.take(dt)
+        q = self._this[_Q]
+        acted = dt if receipt is None or 0 < dt < silence else silence
+        longest = _LONGEST_STEP * usual if usual else math.inf
         if not goes_on:
-            restart, dt = self._restart(at, dt, silence, usual, code), 0.0
-        acted, lost = dt, 0.0
-        if receipt is not None:
-            acted = dt if 0 < dt < silence else silence
-        longest = _LONGEST_STEP * usual
-        if usual and (dt > longest or acted > longest):
-            lost, acted = max(dt - longest, 0.0), min(acted, longest)
-            if lost > 0 and receipt is not None:  # the stamps may have gone on alone
-                lost = dt - min(longest, max(silence, usual))
-        leapt = 0.0 if receipt is None or restart else self._leap(dt, silence, is_set_back)
-        return Accept(self._this[_Q], code, dt, acted, lost, leapt, is_first, restart)
+            again = Accept(q, code, acted=min(silence, longest))
+            return self._restarted(again, at, dt, silence, usual)
+        lost = max(dt - longest, 0.0)
+        if lost > 0 and receipt is not None:  # the stamps may have gone on alone
+            lost = dt - min(longest, max(silence, usual))
+        leapt = 0.0 if receipt is None else self._leap(dt, silence, is_set_back)
+        return Accept(q, code, dt, min(acted, longest), lost, leapt)
 
     def take(self, at: Instant | None) -> None:
-        """Take the state for the last one; what it brings about has happened.
+        """Take the state for the last one, as what it brings about has happened.
 
-        Args:
-            at: when it was; None: it does not count, but for the turns of its joints.
+        Without an instant it does not count, but for the turns of its joints.
         """
-        last = self.clock.last
+        last = self.last
         if self._back >= _SET_BACK or (at and last and at.stamp < last.stamp):
             self.set_backs += 1
-        self.clock.last, self._back, self._last = at, 0, self._this
+        self.last, self._back, self._before = at, 0, self._this
 
     def _leap(self, dt: float, silence: float, is_set_back: bool) -> float:
         """Return by how much more [s] the stamps went on than time, lost and late states apart."""
         if is_set_back:
             return dt - silence
-        early, usual = self._latency.early, self.period.seconds
+        early, usual = self._latency.early, self.rate.period
         leapt = min(early, dt - max(silence, usual))
         return leapt if 0 < usual < 2 * early and usual < 2 * leapt else 0.0  # less is jitter
 
-    def _restart(self, at: Instant, dt: float, silence: float, usual: float, code: int) -> Restart:
-        """Return what happened before a state whose stamp is dt [s] after the last one."""
-        is_silence, is_same_arm = silence > self._timeout, not code & MOVED
-        # by the stamps alone a silence and a clock that was set forward look the same
-        is_heard = not is_silence and (dt < 0 or at.receipt is not None)
+    def _restarted(
+        self, state: Accept, at: Instant, dt: float, silence: float, usual: float
+    ) -> Accept:
+        """Return the state with what happened before it; its stamp is dt [s] after the last one."""
+        is_silence, is_same_arm = silence > self._timeout, not state.code & MOVED
         # two robots jump to and fro, also where both are in the same place
         if not is_silence and (dt < 0 or not is_same_arm):
             self._conflicts.append(at.seconds)
-        why = restarted(dt, silence, not 0 <= dt <= self._timeout)
-        jump, acts = round((dt - usual) * 1e9), is_heard and is_same_arm
-        return Restart(why, is_silence, is_same_arm, acts, usual, jump)
+        why = SILENCE._replace(note=f"a silence of joint_states of {silence:.3g} s")
+        if not 0 <= dt <= self._timeout:
+            why = STAMP_JUMP._replace(note=f"a jump of the stamps by {dt:.3g} s")
+        return state._replace(
+            restart=why,
+            is_another_arm=at.receipt is not None and not (is_silence or is_same_arm),
+            # by the stamps alone a silence and a clock that was set forward look the same
+            acts=is_same_arm and not is_silence and (dt < 0 or at.receipt is not None),
+            step=usual,
+            jump=round((dt - usual) * 1e9),
+        )
 
     def _refuse_older(self, at: Instant, dt: float) -> None:
         self._back = self._back + 1 if at.stamp > self._back_at else 1
@@ -248,7 +226,7 @@ class Admission:
                 f"the joint {robot.joints[i]} moves at {dq[i]:.3g} rad/s, more than "
                 f"{_MOST_SPEED:g} times its limit"
             )
-        ways = np.abs(robot.limits.difference(q, self._last[_Q]))
+        ways = np.abs(robot.limits.difference(q, self._before[_Q]))
         i = int((ways > _MOST_ASTRAY + dt * fastest).argmax())
         self._conflicts.append(at.seconds)
         raise InvalidMessageError(
@@ -256,22 +234,14 @@ class Admission:
         )
 
     def _refuse_late(self, t: int, receipt: float, patient: bool) -> None:
-        """Refuse a state stamped t [ns] that comes too late to control by."""
         delay = self._latency.of(t, receipt, patient=patient)
-        if delay <= self._latency.most:
-            return
-        raise InvalidMessageError(
-            f"the state comes {delay:.3f} s later than the best one, more than max_latency "
-            f"{self._latency.most:g} s: is the network or the computer overloaded? If they stay so "
-            "late, deactivate and activate; a simulation that is not in real time needs "
-            "use_sim_time"
-        )
-
-
-@jit(f8(f8, f8, f8))
-def runaway(dq: float, most: float, limit: float) -> float:
-    """Return by how much a joint is too fast under efforts, ``most`` times its limit; 0: not."""
-    return max(abs(dq) - max(most * limit, _SLOW), 0.0)
+        if delay > self._latency.most:
+            raise InvalidMessageError(
+                f"the state comes {delay:.3f} s later than the best one, more than max_latency "
+                f"{self._latency.most:g} s: is the network or the computer overloaded? If they "
+                "stay so late, deactivate and activate; a simulation that is not in real time "
+                "needs use_sim_time"
+            )
 
 
 _flags = types.UniTuple(b1, 3)
@@ -287,18 +257,12 @@ def check_numbers(
     dt: float,
     follows: tuple[bool, bool, bool],
 ) -> tuple[int, Array]:
-    """Return the code of the state q, dq (n,), and its rows.
+    """Return the code of the state q, dq (n,), dt [s] after the last one by the stamps; its rows.
 
-    Args:
-        q, dq: (n,) as they came.
-        near: (n,) where joints that turn are nearest to; none: to the last state.
-        before: rows of the last state.
-        joints: rows of the joints.
-        dt: [s] after the last state, by the stamps.
-        follows: whether there is a last state, and ``dt`` is short enough to compare with it;
-            whether there was no silence, either; and whether the driver may have lost its count of
-            turns.  Then a joint that was never seen to jump by a turn is where it says it is: a
-            command a turn away would move it.
+    Joints that turn are taken nearest to ``near`` (n,); without, to the last state.  ``follows``:
+    whether there is a last state, and ``dt`` is short enough to compare with it; whether there was
+    no silence, either; and whether the driver may have lost its count of turns.  Then a joint that
+    was never seen to jump by a turn is where it says it is: a command a turn away would move it.
     """
     code, stays, now = SAME, True, np.zeros(before.shape)
     is_next, goes_on, is_lost = follows
@@ -324,8 +288,6 @@ def check_numbers(
             code |= MOVED
         if not (stays and dq[i] == before[_DQ, i]):
             code &= ~SAME
-        if runaway(dq[i], SWINGING, joints[_LIMIT, i]):
-            code |= SWINGS | (RUNS if runaway(dq[i], RUNAWAY, joints[_LIMIT, i]) else 0)
     for i in range(len(q)):
         now[_UNMOVED, i] = before[_UNMOVED, i] if stays else 0.0
         if stays and goes_on and abs(dq[i]) > AT_REST:

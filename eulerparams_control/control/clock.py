@@ -1,23 +1,21 @@
-"""Time: the steady clock by which messages age, and which time counts for a controller.
+"""Time: how states age, how often they come, and which clock counts.
 
 Where time is real a state ages by when it came, on the steady clock.  Where time is simulated,
-in lock-step say, only its stamp counts.  :class:`Clock` alone knows which.  How often states come
-is measured by :class:`NominalPeriod` and judged by :class:`RateCheck`; how late one is
-:class:`Latency` says.
+in lock-step say, only its stamp counts.  :class:`Instant` alone knows which.
 """
 
 import math
 import time
 from collections.abc import Callable
-from enum import Enum, auto
+from enum import IntEnum
 from statistics import median
 from typing import NamedTuple
 
-from eulerparams_control.control.mode import Why, too_rare, too_slow
-from eulerparams_control.laws.scheme import Scheme
+from eulerparams_control.control.mode import SEND_AGAIN, Cause, Why
+from eulerparams_control.laws.scheme import LoopGain, Scheme
 
-# Number of steps after which a period is known, and after which its lower bound is; the factor of
-# jitter of that bound; and the part of the difference by which a period follows further steps.
+# Steps after which a period is known, and after which its lower bound is; the factor of jitter of
+# that bound; the part of the difference by which a period follows further steps.
 _FIRST, _FEW, _JITTER, _SMOOTHING = 9, 3, 1.5, 0.02
 
 # A step of the stamps [s] that is longer is a jump of the clock, not a loss of messages; one that
@@ -67,52 +65,36 @@ class Instant(NamedTuple):
         """The time [s] that counts."""
         return self.stamp / 1e9 if self.receipt is None else self.receipt
 
-    def since(self, other: "Instant") -> float:
-        """Return the time [s] that has passed since another instant."""
-        if self.receipt is None or other.receipt is None:
-            return (self.stamp - other.stamp) / 1e9
-        return self.receipt - other.receipt
+
+class _Verdict(IntEnum):
+    FINE = 0
+    LOW = 1  # the law is not what it would be in continuous time
+    TOO_LOW = 2  # the law is not stable
+    TOO_RARE = 3  # each state comes after a silence
 
 
-class Clock:
-    """The time of the states of an arm: by receipt, or by the stamps where time is simulated."""
+class Rate:
+    """How often states come, and whether that is enough for the gains and the timeout of silence.
 
-    def __init__(self) -> None:
-        self.last: Instant | None = None  # of the state that was taken last
-
-    @property
-    def is_simulated(self) -> bool:
-        """Whether the stamps count."""
-        return self.last is None or self.last.receipt is None
-
-    def time(self, receipt: float | None) -> float:
-        """Return the time [s] of something that came at ``receipt`` [s]."""
-        return Instant(0 if self.last is None else self.last.stamp, receipt).seconds
-
-    def now(self) -> float:
-        """Return the time [s] of the last state; 0 before the first."""
-        return 0.0 if self.last is None else self.last.seconds
-
-    def late(self, start: int | None) -> float:
-        """Return how long ago [s] the stamp ``start`` [ns] was; 0 for the next state."""
-        if start is None or self.last is None:
-            return 0.0
-        return (self.last.stamp - start) / 1e9
-
-
-class NominalPeriod:
-    """The usual time between two states, whatever is lost or late.
+    A loop of the rate k is stable with steps dt of k dt < 1; below 0.5 it does what it would in
+    continuous time.  A verdict is left only when it is clear of its bound, so that jitter does not
+    toggle it.
 
     Attributes:
-        seconds: [s] by the stamps; 0 until it is known.
+        period: [s] the usual time between two stamps, whatever is lost or late; 0 until it is
+            known.
         least: [s] it is no shorter than that; 0 while nothing is known.
         missed: states that never came: gaps in their stamps, in usual periods.
+        why: the arm is to be held, or a warning; Why() where the rate is fine.
     """
 
-    def __init__(self) -> None:
-        self.seconds = self.least = 0.0
+    def __init__(self, timeout: float) -> None:
+        self._timeout = timeout  # of silence [s]
+        self.period = self.least = 0.0
         self.missed = 0
+        self.why = Why()
         self._steps: list[float] = []  # the first ones
+        self._verdict = _Verdict.FINE, False  # and whether the period was known
 
     def take(self, step: float) -> None:
         """Follow a step [s] of the stamps."""
@@ -121,73 +103,73 @@ class NominalPeriod:
         if len(self._steps) < _FIRST:
             self._steps.append(step)
             if len(self._steps) == _FIRST:
-                self.seconds = self.least = median(self._steps)
+                self.period = self.least = median(self._steps)
             elif len(self._steps) >= _FEW:
                 self.least = min(self._steps) / _JITTER
             return
-        usual = self.seconds
+        usual = self.period
         if 1.5 * usual <= step < _LONGEST_LOSS:
             self.missed += round(step / usual) - 1
         step = min(max(step, usual / 2.0), 2.0 * usual)
-        self.seconds = self.least = usual + _SMOOTHING * (step - usual)
-
-
-class Rate(Enum):
-    """Whether states come often enough."""
-
-    FINE = auto()
-    LOW = auto()  # the law is not what it would be in continuous time
-    TOO_LOW = auto()  # the law is not stable
-    TOO_RARE = auto()  # each state comes after a silence
-
-
-class RateCheck:
-    """Whether the states come often enough for the gains, and for the timeout of silence [s].
-
-    A loop of the rate k is stable with steps dt of k dt < 1; below 0.5 it does what it would in
-    continuous time.  A verdict is left only when it is clear of its bound, so that jitter does not
-    toggle it.
-
-    Attributes:
-        why: the arm is to be held, or a warning; Why() where the rate is fine.
-    """
-
-    def __init__(self, timeout: float) -> None:
-        self._timeout, self.why = timeout, Why()
-        self._verdict = Rate.FINE, False  # and whether the period was known
+        self.period = self.least = usual + _SMOOTHING * (step - usual)
 
     @property
     def is_too_low(self) -> bool:
         """Whether nothing may move."""
-        return self._verdict[0] in (Rate.TOO_LOW, Rate.TOO_RARE)
+        return self._verdict[0] >= _Verdict.TOO_LOW
 
-    def judge(self, nominal: NominalPeriod, scheme: Scheme) -> None:
-        """Judge the period of the states for the fastest gain of a law, and for what holds the arm.
+    def judge(self, scheme: Scheme) -> None:
+        """Judge the period for the fastest gain of a law, and for what holds the arm.
 
         A rate that is too low even for the latter is reported before the period is known.
         """
-        period, rate, timeout = nominal.seconds, Rate.FINE, self._timeout
-        is_known = period > 0
-        if not is_known and scheme.hold_rate * nominal.least > 1:
-            period = nominal.least
+        period, verdict, is_known = self.period, _Verdict.FINE, self.period > 0
+        if not is_known and scheme.hold_rate * self.least > 1:
+            period = self.least
         turn = scheme.loop_rate * period
-        if period > self._bound(Rate.TOO_RARE, _OF_TIMEOUT * timeout):
-            rate = Rate.TOO_RARE
-        elif turn > self._bound(Rate.TOO_LOW, _MOST_TURN):
-            rate = Rate.TOO_LOW
-        elif turn > self._bound(Rate.LOW, _FINE_TURN):
-            rate = Rate.LOW
-        if (rate, is_known) == self._verdict:
+        if period > self._bound(_Verdict.TOO_RARE, _OF_TIMEOUT * self._timeout):
+            verdict = _Verdict.TOO_RARE
+        elif turn > self._bound(_Verdict.TOO_LOW, _MOST_TURN):
+            verdict = _Verdict.TOO_LOW
+        elif turn > self._bound(_Verdict.LOW, _FINE_TURN):
+            verdict = _Verdict.LOW
+        if (verdict, is_known) == self._verdict:
             return
-        self._verdict, self.why, gain = (rate, is_known), Why(), scheme.fastest_gain
-        if rate is Rate.TOO_RARE:
-            self.why = too_rare(period, timeout)
-        elif rate is not Rate.FINE and gain is not None:
-            self.why = too_slow(period, gain, _FINE_TURN, is_held=rate is Rate.TOO_LOW)
+        self._verdict, self.why, gain = (verdict, is_known), Why(), scheme.fastest_gain
+        if verdict is _Verdict.TOO_RARE:
+            self.why = too_rare(period, self._timeout)
+        elif verdict is not _Verdict.FINE and gain is not None:
+            self.why = too_slow(period, gain, is_held=self.is_too_low)
 
-    def _bound(self, rate: Rate, bound: float) -> float:
+    def _bound(self, verdict: _Verdict, bound: float) -> float:
         """Return the bound of a verdict, which is lower while it lasts."""
-        return _CLEAR * bound if rate is self._verdict[0] else bound
+        return _CLEAR * bound if verdict is self._verdict[0] else bound
+
+
+def too_rare(period: float, timeout: float) -> Why:
+    """Return why an arm is held whose states come every period [s], one after each timeout [s]."""
+    return Why(
+        Cause.RATE_TOO_LOW,
+        f"joint_states come every {period:.3g} s, but state_timeout is {timeout:g} s: each one "
+        "comes after a silence",
+        f"let the driver publish {2 / timeout:.3g} times a second or more, or set state_timeout "
+        f"to {2 * period:.2g} s; then {SEND_AGAIN}",
+    )
+
+
+def too_slow(period: float, gain: LoopGain, *, is_held: bool) -> Why:
+    """Return why an arm is held, or is to be, whose states come every period [s] for a gain."""
+    text = (
+        f"joint_states come {1 / period:.3g} times a second, too seldom for {gain.name} "
+        f"{gain.value:g}, whose loop has {gain.rate:.3g} 1/s"
+    )
+    remedy = (
+        f"let the driver publish {gain.rate / _FINE_TURN:.3g} times a second or more, or set "
+        f"{gain.name} to {gain.at(_FINE_TURN / period):.3g} or less"
+    )
+    if is_held:
+        return Why(Cause.RATE_TOO_LOW, text, f"{remedy}; then {SEND_AGAIN}")
+    return Why(remedy=remedy, note=text)
 
 
 class Latency:

@@ -1,4 +1,8 @@
-"""The law on its motion: what a reference becomes, at the rate of time that the arm can follow."""
+"""The motion of an arm: which references it may follow, and what they become.
+
+A reference that leaps, or leads out of reach, is refused.  Of the others the desired frame goes at
+the rate of time that the arm can follow.
+"""
 
 import math
 from dataclasses import dataclass, fields
@@ -6,16 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from eulerparams_control.control.mode import Mode, ModeState
-from eulerparams_control.control.pace import CREEP, LOOK, Pace
-from eulerparams_control.errors import FollowingError, SingularityError
+from eulerparams_control.control.pace import CREEP, Pace
+from eulerparams_control.errors import InvalidMessageError, SingularityError
 from eulerparams_control.laws.limits import JointLimits
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.laws.scheme import JointCommand, Scheme, Tick
-from eulerparams_control.motion.frames import DesiredFrame
+from eulerparams_control.laws.scheme import Scheme, Tick
+from eulerparams_control.motion.frames import DesiredFrame, distance
 from eulerparams_control.motion.motion_limits import MotionLimits
-from eulerparams_control.motion.shaper import Shaper
+from eulerparams_control.motion.references import Goal, Jog, SetPoint
+from eulerparams_control.motion.shaper import Reference, Shaper
 from eulerparams_control.motion.time_scale import TimeScale
+from eulerparams_control.motion.trajectories import Trajectory
 
 # In a step that is longer than this [s] a jerk is not small.
 _LONG = 0.005
@@ -24,38 +29,30 @@ _LONG = 0.005
 # own across that, and the joints by the other.
 _OF_THE_TIP, _OF_THE_JOINTS = 0.3, 0.9
 
+# How far ahead [s] a reference may start: further, the two clocks are not the same.
+_MAX_AHEAD = 3600.0
+
+# A stretched arm is measured, and sent, this much [m] beyond its reach.
+_ROOM = 0.01
+
 _TINY = 1e-300
 
 
 @dataclass(frozen=True)
 class ControllerOptions:
-    """Options of a controller on time and references.
+    """Options of a controller on time and references."""
 
-    Attributes:
-        state_timeout: [s] gap in the stamps of the state after which it starts again.
-        reference_timeout: [s] for which a single streamed frame holds its twist.
-        max_jump_position: [m] by which a reference may be away from the desired frame.
-        max_jump_rotation: [rad] the same for the rotation.
-        require_reference: whether to be silent until the first reference.
-        check_states: whether states that the robot cannot have reached are refused.
-        slow_below: smallest singular value of J below which the motion slows down; 0 never.
-        max_latency: [s] by which a state may come later than the best one did.
-        target_timeout: [s] for which a twist goes on without a successor.
-        speed_override: rate of time of what is followed; 0 halts on the path.
-        motion: limits of the tip; None shapes nothing.
-    """
-
-    state_timeout: float = 0.1
-    reference_timeout: float = 0.1
-    max_jump_position: float = 0.05
-    max_jump_rotation: float = 0.2
-    require_reference: bool = False
-    check_states: bool = False
-    slow_below: float = 0.05
-    max_latency: float = 0.05
-    target_timeout: float = 0.1
-    speed_override: float = 1.0
-    motion: MotionLimits | None = None
+    state_timeout: float = 0.1  # [s] gap in the stamps, or silence, after which it starts again
+    reference_timeout: float = 0.1  # [s] for which a single streamed frame holds its twist
+    max_jump_position: float = 0.05  # [m] by which a reference may be away from the desired frame
+    max_jump_rotation: float = 0.2  # [rad]
+    require_reference: bool = False  # whether to be silent until the first reference
+    check_states: bool = False  # whether states that the robot cannot have reached are refused
+    slow_below: float = 0.05  # singular value of J below which the motion slows down; 0 never
+    max_latency: float = 0.05  # [s] by which a state may come later than the best one did
+    target_timeout: float = 0.1  # [s] for which a twist goes on without a successor
+    speed_override: float = 1.0  # rate of time of what is followed; 0 halts on the path
+    motion: MotionLimits | None = None  # limits of the tip; None shapes nothing
 
     @property
     def max_jump(self) -> tuple[float, float]:
@@ -72,94 +69,68 @@ class ControllerOptions:
         )
 
 
-class LawError(Exception):
-    """The law has no answer, or the arm does not follow it.
-
-    Attributes:
-        error: what the law raised.
-    """
-
-    def __init__(self, error: SingularityError | FollowingError) -> None:
-        super().__init__(str(error))
-        self.error = error
-
-
 class Guidance:
-    """The law on its motion.
+    """The desired frame of each state.
 
     Attributes:
-        scheme: the control scheme.
-        motion: what it follows, or the frame that it holds.
+        motion: what is followed, or the frame that is held.
         scale: the rate of time of the motion.
         pace: how fast the arm can follow it.
         is_braking: whether it brakes along its path, to hold what it comes to.
         tick_now: the last tick of the scheme; None before the first.
-        of_law: the same; None until the law in force has made one.
-        ticked: stamp of the last tick [ns].
+        ticked: stamp of that [ns].
         saturated: how many ticks a limit has changed.
-        dt: [s] of the last tick.
     """
 
     def __init__(
         self, scheme: Scheme, joints: JointLimits | None, options: ControllerOptions
     ) -> None:
-        self.scheme = scheme
+        self._scheme, self._options = scheme, options
         self.pace = Pace(joints, options.slow_below, scheme.robot.length, options.motion)
         self.scale = TimeScale(options.motion)
         self.tick_now: Tick | None = None
-        self.of_law: Tick | None = None
         self.ticked: int | None = None
-        self.saturated, self.dt = 0, 0.0
-        self.is_braking, self._jump = False, 0  # [ns] that the stamps are ahead of the motion
-        self._options = options
-        self._ticks: tuple[Tick | None, Tick | None] = None, None  # the last one, the one before
+        self.saturated, self._dt = 0, 0.0
+        # of the motion and the law of now: the last tick, and the one before
+        self._ticks: tuple[Tick | None, Tick | None] = None, None
 
     def begin(self, q: Array, *, acts: bool) -> None:
         """Hold the pose at the measured q (n,), with zero error.
 
-        Args:
-            q: (n,) measured.
-            acts: whether the command before still acts, so that none may jump.
+        ``acts``: whether the command before still acts, so that none may jump.
         """
-        (self.scheme.resume if acts else self.scheme.reset)(q)
+        (self._scheme.resume if acts else self._scheme.reset)(q)
         self.pace.forget()
-        self.motion = Shaper(
-            self.scheme.start_frame(), self._options.motion, self._options.max_jump
-        )
+        options = self._options
+        self.motion = Shaper(self._scheme.start_frame(), options.motion, options.max_jump)
         self._rest()
-        self.forget()
+        self._ticks = None, None
 
     def change(self, joints: JointLimits | None, options: ControllerOptions) -> None:
-        """Take over other limits, between two ticks."""
+        """Take over other limits, between two ticks, and perhaps another law."""
         self.pace.limits, self.pace.motion, self._options = joints, options.motion, options
         self.scale.limits = options.motion
         self.motion.change(options.motion, options.max_jump)
-        self.of_law = None
-        self.forget()
-
-    def forget(self) -> None:
-        """Forget the ticks: they are of another law, or of another motion."""
         self._ticks = None, None
 
     def _rest(self) -> None:
-        self.is_braking, self._jump = False, 0
+        self.is_braking, self._jump = False, 0  # [ns] that the stamps are ahead of the motion
         self.scale.forget(self._options.speed_override)
 
     def halt(self) -> None:
         """Hold the frame of now: the law is not asked any more."""
-        self.motion.hold(self.scheme.start_frame())
+        self.motion.hold(self._scheme.start_frame())
         self._rest()
-        self._ticks = None, self._ticks[1]
+        self._ticks = None, None
 
     def brake(self, jump: int = 0) -> None:
         """Come to rest along the path, from the next tick on; then hold.
 
-        Args:
-            jump: [ns] of the stamps, which the motion does not follow.
+        ``jump``: [ns] of the stamps, which the motion does not follow.
         """
         if jump:
             self._jump += jump
-            self.scheme.skip()
+            self._scheme.skip()
         self.motion.forget_waiting()
         self.is_braking = not self.motion.is_at_rest
         if not self.is_braking:
@@ -173,8 +144,75 @@ class Guidance:
     def wait(self, seconds: float) -> None:
         """Let the motion be later by a time [s] in which the arm has not gone on, or earlier."""
         self.motion.wait(round(seconds * 1e9))
-        self.scheme.skip()
-        self.forget()
+        self._scheme.skip()
+        self._ticks = None, None
+
+    # --- references that must not be followed -----------------------------------------------
+
+    def is_far(self, here: DesiredFrame, there: DesiredFrame) -> bool:
+        """Return whether a frame is farther from another than a reference may jump."""
+        (way, angle), (most_way, most_angle) = distance(here, there), self._options.max_jump
+        return not (way <= most_way and angle <= most_angle)
+
+    def refuse(self, motion: Reference, late: float, here: DesiredFrame) -> None:
+        """Raise InvalidMessageError for a reference that leaps, leads out of reach, is not finite.
+
+        It has been going on for ``late`` [s].  What is no farther out than the present desired
+        frame ``here`` leads back.
+        """
+        if isinstance(motion, Jog):
+            _refuse_not_finite(motion.twist)
+            return
+        if isinstance(motion, Goal):
+            _refuse_not_finite(np.append(motion.frames[0].p_d, motion.frames[0].R_d))
+        if late < -_MAX_AHEAD:
+            raise InvalidMessageError(
+                f"the reference starts {-late:.0f} s after joint_states; are their clocks the same?"
+            )
+        reach = self._scheme.robot.reach
+        most = max(reach.radius, reach.distance(here.p_d)) + _ROOM
+        for frame in motion.to_come(late) if isinstance(motion, Trajectory) else motion.frames:
+            if not (way := reach.distance(frame.p_d)) <= most:
+                raise InvalidMessageError(
+                    f"the position {frame.p_d.round(3).tolist()} is out of reach: it is {way:.3f} "
+                    "m from the first joint of the arm, whose links are "
+                    f"{reach.radius:.3f} m long; expected metres, in the base frame"
+                )
+        if not isinstance(motion, Goal):
+            self._refuse_leap(motion, max(0.0, late), here)
+
+    def _refuse_leap(self, motion: Trajectory | SetPoint, late: float, here: DesiredFrame) -> None:
+        """Refuse a motion that begins too far away, and a set-point whose twist leads there."""
+        max_jump = self._options.max_jump
+        try:
+            if isinstance(motion, Trajectory):
+                there = motion.beginning(here, late)
+            else:
+                there = motion.sample(math.inf)  # where its twist ends
+        except SingularityError as error:
+            raise InvalidMessageError(f"the reference is no motion: {error}") from error
+        if isinstance(motion, SetPoint):
+            frame, T = motion.frames[0], motion.lasting
+            leads = [
+                float(np.linalg.norm(v)) * T + float(np.linalg.norm(a)) * T**2 / 2
+                for v, a in ((frame.dp_d, frame.ddp_d), (frame.omega_d, frame.domega_d))
+            ]
+            if not (leads[0] <= max_jump[0] and leads[1] <= max_jump[1]):
+                raise InvalidMessageError(
+                    f"the twist of the set-point leads {leads[0]:.3g} m and {leads[1]:.3g} rad "
+                    f"away within {T:g} s; at most {max_jump[0]:g} m and {max_jump[1]:g} rad "
+                    "(max_jump_position, max_jump_rotation) are followed without the next one"
+                )
+        if self.is_far(here, there):
+            way, angle = distance(here, there)
+            raise InvalidMessageError(
+                f"the reference begins {way:.3f} m and {math.degrees(angle):.1f} deg away from the "
+                f"present desired frame; at most {max_jump[0]} m and "
+                f"{math.degrees(max_jump[1]):.1f} deg are followed at once: give its first point a "
+                "time_from_start > 0, or raise max_jump_position and max_jump_rotation"
+            )
+
+    # --- the desired frame of each state ------------------------------------------------------
 
     def most_fall(self, dt: float, joints: JointLimits) -> Array:
         """Return by how much (n,) limits of the speeds may be lowered within dt [s].
@@ -191,88 +229,40 @@ class Guidance:
         )
         return dt * fall if dt > 0 else np.zeros_like(fall)
 
-    def command(
-        self, state: ModeState, t: int, dt: float, q: Array, dq: Array
-    ) -> JointCommand | None:
-        """Return what a mode commands; None: nothing.
-
-        The law on its motion; in a stop it brakes along its path, if it may, and then the joints
-        are held.  See :meth:`tick`.
-        """
-        if state.is_led:
-            return self.tick(t, dt, q, dq)
-        if state.mode is not Mode.STOPPED or state.is_released:
-            return None
-        if self.is_braking:
-            return self.tick(t, dt, q, dq)
-        return self.scheme.hold(dt, q, dq)
-
-    def tick(self, t: int, dt: float, q: Array, dq: Array) -> JointCommand:
-        """Return the command for the state q, dq (n,) stamped t [ns], dt [s] after the last.
-
-        Raises:
-            LawError: if the law has no finite answer, or the arm does not follow.
-        """
-        scheme, motion, scale, pace = self.scheme, self.motion, self.scale, self.pace
-        is_shaped, is_frozen = self._options.motion is not None, scheme.is_frozen
-        if scale.rate:
-            scale.advance(dt)
-        else:
-            scale.mean = scale.now
-        if is_frozen and is_shaped:  # it comes to rest as the compliant frame does
-            scale.forget(scale.now * math.exp(-dt / scheme.stop_time))
-        u = 0.0 if is_frozen and not is_shaped else scale.mean
-        if u < 1:
-            motion.wait(round((1 - u) * dt * 1e9))
-        desired = motion.sample(t - self._jump)
-        if motion.restarts and is_shaped and not (is_frozen or self.is_braking):
-            scale.forget(self._options.speed_override)
-        if not is_frozen or is_shaped:
-            # what is frozen has to start again from rest
-            wanted = min(pace.wanted, self._options.speed_override, motion.bearable)
-            wanted = 0.0 if self.is_braking else scale.now if is_frozen else wanted
-            if wanted == scale.now == 1.0 and not scale.rate:
-                scale.before = desired  # as it was planned
-            else:
-                desired = scale.paced(dt, wanted, desired, motion.after)
-            if dt > _LONG and not motion.is_holding:
-                desired = self._led(desired, dt / 2)
-        return self._command(t, dt, q, dq, desired)
-
     @property
     def stop_time(self) -> float:
         """The time [s] in which the motion can come to rest from its present speed."""
         limits, now = self._options.motion, self.motion.last
         return 0.0 if limits is None else limits.stop_time(now.dp_d, now.omega_d)
 
-    def _command(
-        self, t: int, dt: float, q: Array, dq: Array, desired: DesiredFrame
-    ) -> JointCommand:
-        """Return the command of the law for a desired frame."""
-        scheme, motion, scale, pace = self.scheme, self.motion, self.scale, self.pace
-        is_frozen = scheme.is_frozen
-        try:
-            tick = scheme.tick(dt, q, dq, desired)
-        except (SingularityError, FollowingError) as error:
-            raise LawError(error) from error
-        pace.since += dt
-        if pace.since >= LOOK:
-            pace.update(scale.now, tick.state.q, tick.state.dq, tick.state.J)
+    def desired(self, t: int, dt: float) -> DesiredFrame:
+        """Return the desired frame for the state stamped t [ns], dt [s] after the last."""
+        motion, scale, scheme = self.motion, self.scale, self._scheme
+        is_shaped, is_frozen = self._options.motion is not None, scheme.is_frozen
+        scale.advance(dt)
+        if is_frozen and is_shaped:  # it comes to rest as the compliant frame does
+            scale.forget(scale.now * math.exp(-dt / scheme.stop_time))
+        u = 0.0 if is_frozen and not is_shaped else scale.mean
+        if u < 1:
+            motion.wait(round((1 - u) * dt * 1e9))
+        desired = motion.sample(t - self._jump)
+        if is_frozen and not is_shaped:
+            return desired
+        if motion.restarts and is_shaped and not (is_frozen or self.is_braking):
+            scale.forget(self._options.speed_override)
         if self.is_braking:
-            if scale.now == 0 or motion.is_at_rest:
-                motion.hold(motion.last)
-                self._rest()
-        elif tick.excess > 1 and self._options.motion is not None and not is_frozen:
-            # the arm is behind already: time waits for it at once
-            scale.forget(max(scale.now / tick.excess, min(CREEP, scale.now)))
-        self._ticks, self.dt = (tick, self._ticks[0]), dt
-        self.tick_now = self.of_law = tick
-        self.ticked = t
-        self.saturated += tick.saturated
-        return tick.command
+            wanted = 0.0
+        elif is_frozen:  # what is frozen has to start again from rest
+            wanted = scale.now
+        else:
+            wanted = min(self.pace.wanted, self._options.speed_override, motion.bearable)
+        desired = scale.paced(dt, wanted, desired, motion.after)
+        if dt > _LONG and not motion.is_holding:
+            return self._with_mean_acceleration(desired, dt / 2)
+        return desired
 
-    def _led(self, desired: DesiredFrame, dt: float) -> DesiredFrame:
-        """Return the frame with its mean acceleration over the next dt [s]."""
+    def _with_mean_acceleration(self, desired: DesiredFrame, dt: float) -> DesiredFrame:
+        """Return the frame with the mean of its acceleration over the next dt [s]."""
         u, du = self.scale.now, self.scale.rate
         later = self.motion.after((u + du * dt / 2) * dt).at_pace(u + du * dt, du)
         return desired._replace(
@@ -280,17 +270,35 @@ class Guidance:
             domega_d=(later.omega_d - desired.omega_d) / dt,
         )
 
+    def update(self, tick: Tick, t: int, dt: float) -> None:
+        """Fit the rate of time to what the law made of the desired frame for the stamp t [ns]."""
+        motion, scale = self.motion, self.scale
+        self.pace.update(dt, scale.now, tick.state.q, tick.state.dq, tick.state.J)
+        self._ticks, self._dt = (tick, self._ticks[0]), dt
+        if self.is_braking:
+            if scale.now == 0 or motion.is_at_rest:
+                motion.hold(motion.last)
+                self._rest()
+        elif tick.excess > 1 and self._options.motion is not None and not self._scheme.is_frozen:
+            # the arm is behind already: time waits for it at once
+            scale.forget(max(scale.now / tick.excess, min(CREEP, scale.now)))
+        self.tick_now, self.ticked = tick, t
+        self.saturated += tick.saturated
+
     def lyapunov(self) -> tuple[float, float, float] | None:
         """Return V, its derivative by the paper, and as measured over the last tick.
 
         None if the representation has no Lyapunov function, or there are no two ticks yet.
         """
-        now, before = self.tick_now, self._ticks[1]
-        if now is None or before is None or self.dt == 0:
+        now, before = self._ticks
+        if now is None or before is None:
             return None
-        if type(now.x_de) is not type(before.x_de):  # the representation was replaced
-            return None
-        V_now, V_before = self.scheme.lyapunov(now), self.scheme.lyapunov(before)
+        V_now, V_before = self._scheme.lyapunov(now), self._scheme.lyapunov(before)
         if V_now is None or V_before is None:
             return None
-        return V_now.V, V_now.dV, (V_now.V - V_before.V) / self.dt
+        return V_now.V, V_now.dV, (V_now.V - V_before.V) / self._dt
+
+
+def _refuse_not_finite(target: Array) -> None:
+    if not np.isfinite(target).all():
+        raise InvalidMessageError(f"the target is {target.tolist()}; expected finite values")

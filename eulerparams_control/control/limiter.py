@@ -43,13 +43,8 @@ _motion = types.Tuple((new_vector, new_vector, b1))
 class Limiter:
     """Bounds each command by the limits of the joints and by the command before.
 
-    Args:
-        limits: of the joints; None bounds nothing, but what is not finite is refused still.
-        effort_rate: [Nm/s] of each effort, or (n,).
-
-    Attributes:
-        limits, effort_rate: in force.
-        bounded: how many commands had to be changed.
+    ``limits`` None bounds nothing, but what is not finite is refused still; ``effort_rate`` [Nm/s]
+    is one, or (n,).  ``bounded`` counts the commands that had to be changed.
     """
 
     def __init__(self, limits: JointLimits | None, effort_rate: Array | float = math.inf) -> None:
@@ -61,12 +56,6 @@ class Limiter:
         """Whether the command that acts is one of efforts."""
         return self._last.effort is not None
 
-    @property
-    def runaway_limits(self) -> Array | float:
-        """Limits (n,) of the speeds of an arm that may run away; infinity: it cannot."""
-        limits = self.limits
-        return math.inf if limits is None or not self.commands_efforts else limits.velocity
-
     def forget(self) -> None:
         """Start again: no command acts any more."""
         self._last = JointCommand()
@@ -75,13 +64,10 @@ class Limiter:
     def __call__(
         self, command: JointCommand, q: Array, elapsed: float, dt: float = 0.0
     ) -> JointCommand:
-        """Return the command within all bounds.
+        """Return a command of the scheme, ``elapsed`` [s] after the last one, within all bounds.
 
-        Args:
-            command: of the scheme; positions and velocities together, efforts, or none.
-            q: (n,) measured positions: where the arm is beyond its limits, it may come back.
-            elapsed: [s] since the command before.
-            dt: [s] over which its velocity was integrated; 0: over what has elapsed.
+        Where the arm is beyond its limits, at the measured q (n,), it may come back.  dt [s] is
+        what the velocities were integrated over; 0: what has elapsed.
 
         Raises:
             UnsafeCommandError: if a value is not finite; the command before still counts then.
@@ -146,13 +132,8 @@ def _bounded_motion(
 
     A joint that cannot be where it is to be goes on by its velocity, which chases; it gets there
     where that bends its motion, before and after, by no more than it may.
-
-    Args:
-        q_c, dq: (n,) of the command; velocities that were integrated over ``lasted`` [s].
-        q_0, dq_0: (n,) of the one before, ``elapsed`` [s] ago; none: there was none.
-        q: (n,) measured.
-        limits: rows of the limits.
-        lag: rows of the joints, which are brought up to date.
+    Velocities dq (n,) of the command were integrated over ``lasted`` [s].  q_0, dq_0 (n,) are those
+    of the one before, ``elapsed`` [s] ago; none: there was none.  ``lag`` is brought up to date.
     """
     safe_q, safe_dq, changed = np.empty(len(q_c)), np.empty(len(q_c)), False
     for i in range(len(q_c)):

@@ -6,9 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eulerparams_control.errors import ContactError
+from eulerparams_control.errors import (
+    ContactError,
+    EulerParamsError,
+    FollowingError,
+    OverloadError,
+    SingularityError,
+    UnsafeCommandError,
+)
 from eulerparams_control.laws.rotations import Array
-from eulerparams_control.laws.scheme import LoopGain
 
 # An arm that ran away gets efforts again after it was at rest for this time [s], within this
 # distance [rad or m]: it may be at a turning point.  Its speed may be noisy.
@@ -26,6 +32,9 @@ class Mode(StrEnum):
     # after a runaway there are none in the stop that follows, either (in simulated time gravity
     # compensation goes on)
     DISTRUSTING = "distrusting"  # no commands: it is not known whose states these are
+
+
+_STILL = Mode.STOPPED, Mode.RELEASING
 
 
 class Cause(StrEnum):
@@ -73,21 +82,13 @@ class Latch(IntEnum):
 
 
 class Why(NamedTuple):
-    """Why the mode changed.
-
-    Attributes:
-        cause: for programs.
-        fault: why the arm is held still, for people; "" if it is not.
-        remedy: what to do about it.
-        note: what happened, for people, where the arm is not held still.
-        at: when [s], by the clock of the controller.
-    """
+    """Why the mode changed."""
 
     cause: Cause = Cause.NONE
-    fault: str = ""
-    remedy: str = ""
-    note: str = ""
-    at: float = 0.0
+    fault: str = ""  # why the arm is held still, for people; "" if it is not
+    remedy: str = ""  # what to do about it
+    note: str = ""  # what happened, for people, where the arm is not held still
+    at: float = 0.0  # when [s], by the clock of the controller
 
 
 class ModeEvent(Enum):
@@ -107,13 +108,16 @@ class ModeEvent(Enum):
     RECOVERED = auto()  # the arm is at rest again, or its positions change again
 
 
-_ENDS = {
-    ModeEvent.FAULT: Mode.STOPPED,
-    ModeEvent.DEFECT: Mode.STOPPED,
-    ModeEvent.HALT: Mode.STOPPED,
-    ModeEvent.END: Mode.STOPPED,
-    ModeEvent.RUNS_AWAY: Mode.RELEASING,
-    ModeEvent.FROZEN: Mode.RELEASING,
+# The events that stop an arm: the mode they lead to, and what leads out of it.
+_STOPS = {
+    ModeEvent.FAULT: (Mode.STOPPED, Latch.PAUSE),
+    ModeEvent.DEFECT: (Mode.STOPPED, Latch.NEVER),
+    ModeEvent.HALT: (Mode.STOPPED, Latch.RESUME),
+    ModeEvent.END: (Mode.STOPPED, Latch.NEVER),
+    ModeEvent.RUNS_AWAY: (Mode.RELEASING, Latch.RESUME),  # nothing restarts by itself: ISO 10218
+    ModeEvent.FROZEN: (Mode.RELEASING, Latch.PAUSE),
+}
+_ENDS = {event: mode for event, (mode, _) in _STOPS.items()} | {
     ModeEvent.DISTRUST: Mode.DISTRUSTING,
     ModeEvent.REFERENCE: Mode.FOLLOWING,
 }
@@ -133,44 +137,18 @@ TRANSITIONS: dict[Mode, dict[ModeEvent, Mode]] = {
 """Which mode an event leads to; an event that is not in a row leaves the mode as it is."""
 
 
-_LATCHES = {
-    ModeEvent.FAULT: Latch.PAUSE,
-    ModeEvent.RUNS_AWAY: Latch.RESUME,  # nothing restarts by itself: ISO 10218
-    ModeEvent.FROZEN: Latch.PAUSE,
-    ModeEvent.HALT: Latch.RESUME,
-    ModeEvent.END: Latch.NEVER,
-    ModeEvent.DEFECT: Latch.NEVER,
-}
-
-
-def latched(before: Latch, event: ModeEvent) -> Latch:
-    """Return what leads out of a stop after an event."""
-    if event in (ModeEvent.REFERENCE, ModeEvent.RESUME) and before is not Latch.NEVER:
-        return Latch.NONE
-    return max(before, _LATCHES.get(event, Latch.NONE))
-
-
 @dataclass
 class ModeState:
-    """A mode, and what it keeps.
-
-    Attributes:
-        mode: what the controller does.
-        why: why it was entered; of a stop that goes on, when the arm was first held.
-        latch: what leads out of it, if the arm is stopped.
-        is_runaway: whether the arm has to come to rest before it is commanded again; of RELEASING.
-        is_released: whether nothing is commanded, for the arm ran away before; of STOPPED.
-        until: [s] on the steady clock until when there are no commands; of DISTRUSTING.
-        inner: the mode that is held back meanwhile.
-    """
+    """A mode, and what it keeps."""
 
     mode: Mode
-    why: Why = Why()  # noqa: RUF009  it is frozen
-    latch: Latch = Latch.NONE
-    is_runaway: bool = False
-    is_released: bool = False
-    until: float = 0.0
-    inner: "ModeState | None" = None
+    why: Why = Why()  # noqa: RUF009  it is frozen; of a stop that goes on, when it began
+    latch: Latch = Latch.NONE  # what leads out of it, if the arm is stopped
+    # of RELEASING: the arm has to come to rest before it is commanded again; of STOPPED: nothing is
+    # commanded, for it ran away before
+    ran_away: bool = False
+    until: float = 0.0  # [s] on the steady clock until when there are no commands; of DISTRUSTING
+    inner: "ModeState | None" = None  # the mode that is held back meanwhile
     _place: Array | None = None  # where an arm that ran away rests, and for how long [s]
     _rested: float = 0.0
 
@@ -182,12 +160,12 @@ class ModeState:
     @property
     def is_halted(self) -> bool:
         """Whether the arm is held still instead of moved."""
-        return (self.inner or self).mode in (Mode.STOPPED, Mode.RELEASING)
+        return (self.inner or self).mode in _STILL
 
     @property
-    def has_defect(self) -> bool:
-        """Whether a defect is why; whatever comes later, that is what has to be said."""
-        return self.why.cause is Cause.DEFECT
+    def is_runaway(self) -> bool:
+        """Whether the arm runs away, or has not come to rest since."""
+        return self.ran_away and (self.inner or self).mode is Mode.RELEASING
 
     @property
     def remedy(self) -> str:
@@ -204,28 +182,27 @@ class ModeState:
             if event is ModeEvent.DISTRUST:
                 return self.inner.distrusted(why.at)
             return self.inner.after(event, why).distrusted(self.until)
-        to, latch = TRANSITIONS[self.mode].get(event, self.mode), latched(self.latch, event)
+        to, latch = TRANSITIONS[self.mode].get(event, self.mode), self.latch
+        if event in (ModeEvent.REFERENCE, ModeEvent.RESUME) and latch is not Latch.NEVER:
+            latch = Latch.NONE
+        elif event in _STOPS:
+            latch = max(latch, _STOPS[event][1])
         if to is Mode.DISTRUSTING:
             return self.distrusted(why.at)
-        runs_away = event is ModeEvent.RUNS_AWAY
         if to is self.mode is Mode.STOPPED and event not in (ModeEvent.FAULT, ModeEvent.DEFECT):
             return replace(self, latch=latch)
-        if self.has_defect or (to is Mode.STOPPED and event is ModeEvent.RECOVERED):
+        if self.why.cause is Cause.DEFECT or (to in _STILL and self.is_halted and not why.fault):
             why = self.why
-        elif to in (Mode.STOPPED, Mode.RELEASING) and self.is_halted:
+        elif to in _STILL and self.is_halted:
             why = why._replace(at=self.why.at)
+        ran_away = to in _STILL and (self.ran_away or event is ModeEvent.RUNS_AWAY)
         if to is self.mode is Mode.RELEASING:
-            why, is_runaway = why if why.fault else self.why, self.is_runaway or runs_away
-            return replace(self, why=why, latch=latch, is_runaway=is_runaway)
-        if to is Mode.STOPPED:
-            return ModeState(to, why, latch, is_released=self.is_runaway or self.is_released)
-        is_runaway = to is Mode.RELEASING and (runs_away or self.is_released)
-        return ModeState(to, why, latch, is_runaway)
+            return replace(self, why=why, latch=latch, ran_away=ran_away)
+        return ModeState(to, why, latch, ran_away)
 
     def distrusted(self, until: float) -> "ModeState":
         """Return the mode that holds back this one until a time [s]."""
-        mode = Mode.DISTRUSTING
-        return ModeState(mode, self.why, self.latch, self.is_runaway, until=until, inner=self)
+        return replace(self, mode=Mode.DISTRUSTING, until=until, inner=self)
 
     def rests(self, dt: float, q: Array) -> bool:
         """Return whether an arm that ran away has been at rest for long, at q (n,) now."""
@@ -235,17 +212,45 @@ class ModeState:
         return self._rested > _REST_TIME
 
 
+_CAUSES = (
+    (SingularityError, Cause.SINGULARITY),
+    (ContactError, Cause.CONTACT_OSCILLATES),
+    (OverloadError, Cause.CONTACT_TOO_LARGE),
+    (FollowingError, Cause.NOT_FOLLOWING),
+    (UnsafeCommandError, Cause.UNSAFE_COMMAND),
+)
+
 SEND_AGAIN = "send the reference again"
-
-REPORT_IT = "report it; deactivate and activate to start again"
-"""What to do about a defect."""
-
 CALL_RESUME = "call ~/resume"
-"""What to do about a halt."""
+REPORT_IT = "report it; deactivate and activate to start again"  # a defect
 
 HALTED = Why(Cause.HALT, remedy=CALL_RESUME, note="a halt")
 DEACTIVATED = Why(Cause.DEACTIVATED, remedy="activate to start again", note="deactivation")
-
+STAMP_JUMP = Why(Cause.STAMP_JUMP, remedy=SEND_AGAIN)
+SILENCE = Why(Cause.SILENCE, remedy=SEND_AGAIN)
+COMMAND_SILENCE = Why(Cause.COMMAND_SILENCE, remedy=SEND_AGAIN, note="a silence of its commands")
+STREAM_ENDED = Why(Cause.STREAM_ENDED, remedy="see to the node that sends them")
+NEVER_BEGINS = Why(
+    Cause.NEVER_BEGINS,
+    "set-points come, but none begins: their stamps are more than a second ahead of joint_states",
+    f"see to the clocks, or stamp them 0; then {SEND_AGAIN}",
+)
+ARM_MOVED = Why(
+    Cause.ARM_MOVED, "the arm moved before the reference began; send it again", SEND_AGAIN
+)
+FROZEN_ENCODER = Why(
+    Cause.FROZEN_ENCODER,
+    "joint_states reports speeds, but positions that stay the same to the bit",
+    f"see to the robot's driver or encoders, then {SEND_AGAIN}",
+)
+REFERENCE_LEAPS = Why(
+    Cause.REFERENCE_LEAPS,
+    remedy="begin where the arm is, or raise max_jump_position and max_jump_rotation",
+)
+RUNAWAY = Why(
+    Cause.RUNAWAY,
+    remedy=f"see to delays and to the model of the arm, or lower the gains; then {CALL_RESUME}",
+)
 NO_STATES = Why(
     Cause.NO_STATES,
     remedy="see to the robot and the network; when they are back the arm is held where it is",
@@ -291,42 +296,7 @@ def replaced(names: str) -> Why:
     )
 
 
-def too_rare(period: float, timeout: float) -> Why:
-    """Return why an arm is held whose states come every period [s], one after each timeout [s]."""
-    return Why(
-        Cause.RATE_TOO_LOW,
-        f"joint_states come every {period:.3g} s, but state_timeout is {timeout:g} s: each one "
-        "comes after a silence",
-        f"let the driver publish {2 / timeout:.3g} times a second or more, or set state_timeout "
-        f"to {2 * period:.2g} s; then {SEND_AGAIN}",
-    )
-
-
-def too_slow(period: float, gain: LoopGain, most: float, *, is_held: bool) -> Why:
-    """Return why an arm is held, or is to be, whose states come too seldom for a gain.
-
-    Args:
-        period: [s] of the states.
-        gain: that is the fastest.
-        most: the largest gain times period [1] at which its loop is stable.
-        is_held: whether the arm is held; else it is a warning.
-    """
-    text = (
-        f"joint_states come {1 / period:.3g} times a second, too seldom for {gain.name} "
-        f"{gain.value:g}, whose loop has {gain.rate:.3g} 1/s"
-    )
-    remedy = (
-        f"let the driver publish {gain.rate / most:.3g} times a second or more, or set "
-        f"{gain.name} to {gain.at(most / period):.3g} or less"
-    )
-    if is_held:
-        return Why(Cause.RATE_TOO_LOW, text, f"{remedy}; then {SEND_AGAIN}")
-    return Why(remedy=remedy, note=text)
-
-
-def restarted(dt: float, silence: float, has_jumped: bool) -> Why:
-    """Return why an arm is held after its stamps jumped by dt [s], or a silence [s]."""
-    if has_jumped:
-        return Why(Cause.STAMP_JUMP, remedy=SEND_AGAIN, note=f"a jump of the stamps by {dt:.3g} s")
-    note = f"a silence of joint_states of {silence:.3g} s"
-    return Why(Cause.SILENCE, remedy=SEND_AGAIN, note=note)
+def why_of(error: EulerParamsError) -> Why:
+    """Return why an arm is held after an error of its law, or of its command."""
+    cause = next(cause for kind, cause in _CAUSES if isinstance(error, kind))
+    return Why(cause, str(error), error.remedy)

@@ -1,8 +1,7 @@
 """The pace: how a motion slows down towards kinematic singularities and joint limits.
 
-The desired motion goes on along its path, but later: at the pace s its time runs s times as
-fast.  Nothing is stopped where the damped inverse and the limits suffice.  What is said here is
-how fast it may run; how it gets there is up to :class:`TimeScale`.
+At the pace s the time of the desired motion runs s times as fast, along the same path.  What is
+said here is how fast it may run; how it gets there is up to :class:`TimeScale`.
 
     towards a singularity    s = sigma_min / threshold, where sigma_min of J is below it
     away from one            twice that
@@ -54,19 +53,14 @@ class Nearness(Enum):
 
 
 class Pace:
-    """The pace of the desired motion.
+    """The pace of the desired motion, within the limits of the joints and of the tip.
 
-    Args:
-        limits: of the joints; None slows nothing down.
-        threshold: singular value below which the motion slows down; 0 never.
-        length: characteristic length of the arm [m], by which J is without units.
-        motion: limits of the tip, within which it brakes before a singularity; None: it does not.
+    Below the singular value ``threshold`` of J, whose units ``length`` [m] takes away, it slows
+    down; 0 never.  None for limits slows nothing down.
 
     Attributes:
         wanted: s, from ``LEAST`` to 1; from ``CREEP`` for the limits of the speeds.
-        since: [s] since the arm was looked at; it is due again after ``LOOK``.
-        singularity: how near the arm is to a kinematic singularity.
-        limit: how near it is to a limit of a joint.
+        singularity, limit: how near the arm is to a kinematic singularity, to a limit of a joint.
         joint: the index of that joint.
     """
 
@@ -83,24 +77,24 @@ class Pace:
 
     def forget(self) -> None:
         """Start again, at full pace."""
-        self.wanted, self.since, self._sigma = 1.0, LOOK, math.nan
+        self.wanted, self._since, self._sigma = 1.0, LOOK, math.nan
         self.singularity, self.limit, self.joint = Nearness.CLEAR, Nearness.CLEAR, 0
 
-    def update(self, now: float, q: Array, dq: Array, J: Array) -> None:
-        """Choose the pace for the steps until it is due again.
+    def update(self, dt: float, now: float, q: Array, dq: Array, J: Array) -> None:
+        """Choose the pace, dt [s] after the last call, if the arm is to be looked at again.
 
-        Args:
-            now: s.
-            q, dq: (n,) positions and velocities at which the loop is closed.
-            J: (6, n) there.
+        ``now`` is the pace of now, q, dq (n,) and J (6, n) those at which the loop is closed.
         """
+        self._since += dt
+        if self._since < LOOK:
+            return
         sigma, before, threshold = sigma_min(J, self._length), self._sigma, self._threshold
         near, pace = _nearness(sigma, before, threshold, self.singularity), 1.0
         if near is not Nearness.CLEAR:
             ratio = sigma / threshold
             pace = min(1.0, max(LEAST, 2.0 * ratio if near is Nearness.LEAVING else ratio))
         if self.motion is not None and sigma < before and threshold > 0.0:
-            left, v = sigma * self.since / (before - sigma), J @ dq
+            left, v = sigma * self._since / (before - sigma), J @ dq
             for v_part, a in zip((v[:3], v[3:]), self.motion.accelerations, strict=True):
                 braked = _by_braking(now, left, math.sqrt(v_part @ v_part), a)
                 pace = min(pace, max(LEAST, braked))
@@ -108,7 +102,7 @@ class Pace:
             slower, self.limit, self.joint = _by_limits(now, q, dq, self.limits)
             pace = min(pace, slower)
         self._sigma, self.singularity = sigma, near
-        self.wanted, self.since = pace, 0.0
+        self.wanted, self._since = pace, 0.0
 
 
 def _nearness(sigma: float, before: float, threshold: float, was: Nearness) -> Nearness:

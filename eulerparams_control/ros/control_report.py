@@ -139,7 +139,7 @@ class ControlReport(Health):
                 "the arm may be, or the gains are too high",
                 about="limits",
             )
-        self.values["joint_states missed"] = controller.admission.period.missed
+        self.values["joint_states missed"] = controller.rate.missed
         if jumps > 1 and not controller.rate.is_too_low:
             names = names_of_publishers(self._node, self._states.subscription.topic_name)
             self.complain(
@@ -155,7 +155,8 @@ class ControlReport(Health):
 
         ``more`` returns what the scheme shows of a tick.
         """
-        guidance, scheme, tick = controller.guidance, controller.scheme, controller.guidance.of_law
+        guidance, scheme = controller.guidance, controller.scheme
+        tick = guidance.tick_now
         self.values |= {
             PACE: guidance.scale.now,
             SLOWED: guidance.motion.slowed,
@@ -198,7 +199,7 @@ class ControlReport(Health):
             return
         self._next = t + self._period
         is_asked = guidance.ticked == t and not controller.fault
-        tick = guidance.of_law if is_asked else None
+        tick = guidance.tick_now if is_asked else None
         if is_commanded:
             self._publish_arm(controller, tick, state)
         if self._frames is not None and not states.source.dispute.fault:  # else: whose state is it?

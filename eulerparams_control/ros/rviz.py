@@ -50,7 +50,7 @@ class RViz:
             self._place(pose_to_ros(held.p_d, held.R_d, stamp_to_ros(0), robot.base_frame))
         if t == self._drawn or not self._markers.get_subscription_count():
             return
-        self._drawn, arm, tick = t, robot.state(q, dq), guidance.of_law
+        self._drawn, arm, tick = t, robot.state(q, dq), guidance.tick_now
         p, markers = arm.p_e, [_axes("actual", arm.p_e, arm.R_e)]
         if tick is not None and guidance.ticked == t and not controller.fault:
             markers.append(_axes("desired", tick.desired.p_d, tick.desired.R_d))

@@ -180,7 +180,7 @@ class StateInput:
 
     def answered(self, admission: Admission, *, is_commanded: bool) -> None:
         """Count the answer to the last state, which may be that nothing is commanded."""
-        self._answered, self._period = self.came, admission.period.seconds
+        self._answered, self._period = self.came, admission.rate.period
         if is_commanded:
             self.is_commanded = True
             self._latencies.append(steady.now() - self.came)
