@@ -63,6 +63,7 @@ class StateInput:
         repeats: whether the last ones said the same as those before, stamp included.
         is_commanded: whether a command has answered one since it was forgotten.
         answers: how many states were answered between the last two readings.
+        is_simulated: whether the time of the node is, so that the stamps count.
     """
 
     subscription: Subscription
@@ -71,6 +72,7 @@ class StateInput:
 
     def __init__(self, node: Node, timeout: float, on_dispute: Callable[[Why], None]) -> None:
         self._node, self._clock, self._timeout = node, node.get_clock(), timeout
+        self.is_simulated: bool = self._clock.ros_time_is_active
         self._bytes: JointStateBytes | None = None  # like those of the last valid ones
         self.source = Source(partial(names_of_publishers, node, "joint_states"), on_dispute)
         self.came = self._stood = 0.0  # the latter: since when their stamp is the same
@@ -106,6 +108,7 @@ class StateInput:
             InvalidMessageError: if it is broken, or its publisher is not the one that is believed.
         """
         now, last, reader = steady.now(), self.measured, self._reader
+        self.is_simulated = self._clock.ros_time_is_active
         found = None if self._bytes is None else self._bytes.read(data)
         if found is None:
             msg = deserialized(data, JointState)
@@ -188,11 +191,6 @@ class StateInput:
             self.source.see_contest(steady.now())
 
     # --- whether they come -----------------------------------------------------------------
-
-    @property
-    def is_simulated(self) -> bool:
-        """Whether the time of the node is, so that the stamps count."""
-        return bool(self._clock.ros_time_is_active)
 
     @property
     def receipt(self) -> float | None:
