@@ -128,7 +128,7 @@ def test_a_launch_file_names_what_is_there(launched, file, controller):
             assert is_known or f'"{topic}"' in sources(), topic
 
 
-@pytest.mark.parametrize("file", TAKES.keys() - {"bringup"})
+@pytest.mark.parametrize("file", sorted(TAKES.keys() - {"bringup"}))
 def test_a_launch_file_offers_what_its_driver_takes(launched, file):
     refused = [("controller", name) for name in {*POSITIONS, *EFFORTS}.difference(TAKES[file])]
     for name, word in (*refused, ("sim", "true")):
