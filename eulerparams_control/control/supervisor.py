@@ -227,7 +227,7 @@ class Supervisor:
         self._change(ModeEvent.RESTART, why)
 
     def halt(self) -> None:
-        """Hold until :meth:`resume`; command nothing now."""
+        """Hold until :meth:`resume`; the next state is answered by braking along the path."""
         self._change(ModeEvent.HALT, modes.HALTED)
 
     def end(self) -> None:

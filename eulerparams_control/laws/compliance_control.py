@@ -272,12 +272,12 @@ class ComplianceControl(EffortControl):
         """Add a force (3,) [N] on the environment, axes of the tip, until a restart or a hold."""
         self._wanted = force if force.any() else _NO_FORCE
 
-    def bounded_force(self, force: Array, R_d: Array) -> Array:
+    def exerted_force(self, force: Array, R_d: Array) -> Array:
         """Return a force (3,) [N], axes of the tip; ConfigurationError if no spring holds it."""
         self.elasticity.refuse_force(R_d @ force, R_d)
         return force
 
-    def release(self) -> bool:
+    def end_force(self) -> bool:
         """Take the force back at its rate; return False: the arm need not be held where it ends."""
         self._wanted = _NO_FORCE
         return False

@@ -113,7 +113,7 @@ class ImpedanceControl(Scheme):
             self.compliant.rearrange()
         self.force.press(force)
 
-    def bounded_force(self, force: Array, R_d: Array) -> Array:
+    def exerted_force(self, force: Array, R_d: Array) -> Array:
         """Return a force (3,) [N], axes of the tip, as :meth:`press` takes it, along force_axes.
 
         Raises ConfigurationError if it cannot be exerted.
@@ -136,8 +136,8 @@ class ImpedanceControl(Scheme):
         exerted: Array = on * f
         return exerted
 
-    def release(self) -> bool:
-        """Return whether the arm has to be held where it presses: it does not end the force."""
+    def end_force(self) -> bool:
+        """Return whether a force is exerted, which ends where the arm is held: that is to come."""
         return self.force.is_on
 
     @property

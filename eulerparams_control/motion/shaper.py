@@ -90,7 +90,6 @@ class Shaper:
     ) -> None:
         self.limits, self.max_jump = limits, max_jump
         self.lost, self.ahead, self.restarts = 0, 0.0, False
-        self.leap: tuple[float, float] | None = None
         self._stream = StreamFilter()
         self.hold(held)
 
@@ -108,6 +107,7 @@ class Shaper:
         self.waiting: deque[_Waiting] = deque(maxlen=_WAITING)
         self._stream.forget()
         self.began: int | None = None
+        self.leap: tuple[float, float] | None = None
         self.is_holding, self.slowed, self.bearable = True, 1.0, 1.0
 
     def stop(self, t: int) -> None:

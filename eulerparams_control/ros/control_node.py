@@ -130,6 +130,8 @@ class ControlNode(ManagedNode):
         states = self._input
         if states.unanswered is None or states.measured is None:
             return
+        if states.is_silent and not states.is_simulated:
+            return  # it is too old to act on
         (t, q, dq), are_believed = states.measured, states.source.look(steady.now())
         if self._controller is None:  # nothing listens yet to what belongs to the state
             self.observe(t, q, dq)
@@ -205,14 +207,15 @@ class ControlNode(ManagedNode):
     # --- what is said ----------------------------------------------------------------------
 
     def _say(self) -> None:
-        if self._controller is not None:
+        """Say what the controller does, unless no states come: that is said by :meth:`watch`."""
+        if self._controller is not None and not self._input.is_silent:
             self._health.say(self._controller)
 
     def watch(self) -> None:
         """Say that joint_states has stopped, as soon as it has; nothing is commanded then."""
         states = self._input
         if self._controller is not None and states.is_silent and not states.source.dispute.fault:
-            self._say()
+            self._health.say(self._controller)
         elif self._input.is_simulated and not states.source.is_believed:
             self._answer()  # the state may come but once
         self._review_end()

@@ -4,6 +4,7 @@ By default it starts itself as soon as it has a robot description and a state.
 """
 
 from collections.abc import Callable
+from dataclasses import asdict
 from functools import wraps
 from typing import Any
 
@@ -113,9 +114,9 @@ class ManagedNode(LifecycleNode):
             return
         if dispute.fault:
             self._controller.distrust(dispute)
-        else:
+            self._health.say(self._controller)
+        else:  # the next state is answered, which says it
             self._controller.trust()
-        self._health.say(self._controller)
 
     # --- parameters --------------------------------------------------------------------
 
@@ -139,17 +140,21 @@ class ManagedNode(LifecycleNode):
     def _on_change(self, old: Any, new: Any) -> None:
         """Apply parameters that were changed while running, between two ticks."""
         self.refuse_unless_simulated(new)
-        self._params, controller = new, self._controller
-        is_new_law = controller is None or new.orientation != old.orientation
+        robot, controller = self._robot, self._controller
+        if robot is not None and (controller is None or new.orientation != old.orientation):
+            new.make_scheme(robot)  # nothing is taken of what is refused
+        self._params = new
         try:
-            if self._robot is not None and is_new_law:
-                self.make_scheme(self._robot)  # refuses what activation, or a change, would refuse
             if controller is not None:
                 self.change_scheme(controller.scheme, new)
                 controller.changed(ControllerOptions.of(new))
+            elif robot is not None:
+                self.make_scheme(robot)  # what measures at rest goes by them, too
         except ConfigurationError:
             self._params = old
             raise
+        changed = [name for name, now in asdict(new).items() if now != getattr(old, name)]
+        self.get_logger().info(", ".join(f"{name}: {getattr(new, name)}" for name in changed))
 
     # --- lifecycle ---------------------------------------------------------------------
 
@@ -190,7 +195,7 @@ class ManagedNode(LifecycleNode):
             return self._fail(text, Cause.NO_STATES)
         try:
             self._refuse_while_ending()
-            if not self._input.is_simulated and self._input.is_silent:
+            if not self._input.is_simulated and self._input.is_stale:
                 raise ConfigurationError("joint_states has stopped; is the robot running?")
             if reason := self.refusal():
                 raise ConfigurationError(reason)
@@ -315,6 +320,7 @@ class ManagedNode(LifecycleNode):
             self._fail(defect(error), Cause.DEFECT, REPORT_IT, mode)
         else:
             self._controller.fail_for_good(error)
+            self._health.complain(defect(error), error=True)  # while no states come, too
             self._health.say(self._controller)
 
     def _survive_wrong_transitions(self) -> None:

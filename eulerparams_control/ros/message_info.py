@@ -27,7 +27,10 @@ def with_info(callback: Callable[[Any, Mapping[str, Any]], None]) -> Callable[..
 
 
 def deserialized[M](data: bytes, kind: type[M]) -> M:
-    """Return a message of a raw subscription; where that is not raw a broken one ends the node."""
+    """Return a message of a raw subscription; raises InvalidMessageError if it is broken.
+
+    A subscription that is not raw would end the node.
+    """
     try:
         return deserialize_message(data, kind)
     except rclpy_implementation.RMWError as error:

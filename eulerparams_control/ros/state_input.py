@@ -212,6 +212,11 @@ class StateInput:
         return steady.now() - self.came > self.timeout
 
     @property
+    def is_stale(self) -> bool:
+        """Whether an arm must not be activated where the last valid ones have it."""
+        return steady.now() - self.came > max(self._timeout, _FRESH)
+
+    @property
     def is_followed(self) -> bool:
         """Whether a robot that was commanded still tells its state."""
         return self.is_commanded and steady.now() - self._answered <= max(self._timeout, _FRESH)

@@ -70,7 +70,7 @@ class TargetWrench:
         if np.abs(w[3:]).max() > _NO_MOMENT:
             raise InvalidMessageError(f"target_wrench is {w.tolist()}; expected no moment")
         f = w[:3] if frame == robot.tip_frame else robot.link_at(robot.tip_frame, q).R.T @ w[:3]
-        force = _scheme(controller).bounded_force(f, controller.guidance.motion.last.R_d)
+        force = _scheme(controller).exerted_force(f, controller.guidance.motion.last.R_d)
         if controller.mode not in _MAY_PRESS:
             raise InvalidMessageError(
                 f"the arm is {controller.mode}: a force is exerted while it holds or follows; "
@@ -94,7 +94,7 @@ class TargetWrench:
         may_press, scheme = controller.mode in _MAY_PRESS, _scheme(controller)
         if may_press and age <= timeout and self._breaks == _breaks(controller):
             scheme.press(self._force)
-        elif scheme.release() and may_press:
+        elif scheme.end_force() and may_press:
             controller.settle(ENDED)
 
 

@@ -33,7 +33,7 @@ _OVERTAKEN = 1.0
 _ORDERED = "target_pose", "target_twist", "target_stiffness"
 
 Lead = Callable[[Controller, Any], None]
-"""What takes a message that leads the arm; it, or its scheme or robot, refuses what must not."""
+"""What takes a message that leads the arm; it raises EulerParamsError for one that must not."""
 
 Topics = dict[str, tuple[type[Any], Lead]]
 """Topics, their types, and what takes their messages."""
@@ -43,7 +43,9 @@ class Leaders:
     """Listens to what leads the arm.
 
     Args:
-        node, parameters, states: that listens, and its own; those that count here are fixed.
+        node: the node that listens.
+        parameters: of the node; those that count here do not change.
+        states: of the arm.
         rviz: whose target is dragged.
         more: topics of the scheme.
 
@@ -68,7 +70,8 @@ class Leaders:
         } | more
         self._controller: Controller | None = None
         self._heard: dict[str, Subscription] = {}
-        self._last: dict[str, tuple[int, float]] = {}  # stamp [ns] and receipt [s] of a message
+        self._newest: dict[str, tuple[int, float]] = {}  # stamp [ns], receipt [s] of what was taken
+        self._here: dict[str, int] = {}  # stamp [ns] of the last one, taken or not
         # each state waits for the messages of these that have its stamp
         self._paired = parameters.paired_targets
         if parameters.reference_pairing != LATEST:
@@ -80,7 +83,8 @@ class Leaders:
     def begin(self, controller: Controller, lead: Callable[[str, Any], None]) -> None:
         """Listen: ``lead`` is called with a topic and its message, to be taken."""
         self._controller = controller
-        self._last.clear()  # what came before does not count
+        self._newest.clear()  # what came before does not count
+        self._here.clear()
         for topic, (kind, _) in self._topics.items():
             self._heard[topic] = self._node.listen(kind, topic, partial(lead, topic), QOS)
 
@@ -92,9 +96,7 @@ class Leaders:
 
     def are_here(self, t: int) -> bool:
         """Whether all that belongs to the state stamped t [ns] has come, while one listens."""
-        return self._controller is None or all(
-            self._last.get(topic, (None, 0.0))[0] == t for topic in self._paired
-        )
+        return self._controller is None or all(self._here.get(topic) == t for topic in self._paired)
 
     def take(self, topic: str, msg: Any) -> None:
         """Let a message lead the arm; raises InvalidMessageError if it must not."""
@@ -106,14 +108,12 @@ class Leaders:
             self._topics[topic][1](self._controller, msg)
         except EulerParamsError as error:
             raise InvalidMessageError(str(error)) from error
-        self._note(topic, msg)
-
-    def _note(self, topic: str, msg: Any) -> None:
-        self._last[topic] = ns_from_ros(msg.header.stamp), steady.now()
+        self._here[topic] = ns_from_ros(msg.header.stamp)
+        self._newest[topic] = self._here[topic], steady.now()
 
     def _refuse_overtaken(self, topic: str, msg: Any) -> None:
         """Raise InvalidMessageError for a target that is older than the one before."""
-        stamp, (newest, came) = ns_from_ros(msg.header.stamp), self._last.get(topic, (0, 0.0))
+        stamp, (newest, came) = ns_from_ros(msg.header.stamp), self._newest.get(topic, (0, 0.0))
         if topic in _ORDERED and 0 < stamp < newest and steady.now() - came < _OVERTAKEN:
             raise InvalidMessageError(
                 f"the stamp {stamp / 1e9:.3f} s comes after {newest / 1e9:.3f} s: overtaken, or "
@@ -125,7 +125,7 @@ class Leaders:
         waits = self._controller is not None and self._controller.mode is not Mode.WAITING
         is_paired = waits and topic in self._parameters.paired_targets
         if is_paired:
-            self._note(topic, msg)
+            self._here[topic] = ns_from_ros(msg.header.stamp)
         return is_paired
 
     def _follow(self, controller: Controller, msg: MultiDOFJointTrajectory) -> None:
