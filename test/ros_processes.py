@@ -23,7 +23,7 @@ from geometry_msgs.msg import WrenchStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from numpy.typing import NDArray
-from rcl_interfaces.srv import GetParameters, SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -288,6 +288,13 @@ class Peer:
         if service not in self._clients:
             self._clients[service] = self.node.create_client(kind, service)
         return self.graph.ask(self._clients[service], request)
+
+    def set_at_once(self, node: str, **wanted: Any) -> bool:
+        """Set parameters of a node, all or none; return whether they were taken."""
+        parameters = [Parameter(k, value=v).to_parameter_msg() for k, v in wanted.items()]
+        request = SetParametersAtomically.Request(parameters=parameters)
+        service = f"{node}/set_parameters_atomically"
+        return bool(self.call(SetParametersAtomically, service, request).result.successful)
 
     def trigger(self, service: str) -> Any:
         """Return the response of a service that is asked for nothing but to act."""

@@ -219,8 +219,17 @@ def test_the_stiffness_follows_its_topic_until_it_is_set(paired):
     steps, accelerations = np.diff([f.dp_d for f in frames], axis=0), [f.ddp_d for f in frames]
     assert np.abs(steps).max() <= 1.1 * DT * np.abs(accelerations).max()
     assert np.abs(accelerations).max() < 0.2 * 8.0 / M_P  # of a stiffness that were gone at once
-    paired.change(wrench_cutoff=50.0)  # the stiffness stays
-    settled(arm)
+    for name, value in {"wrench_cutoff": 50.0, "orientation": "angle_axis"}.items():
+        paired.change(**{name: value})  # the stiffness stays
+        settled(arm)
+        until_displaced_by(paired, 8.0 / 500.0)
+    chain = paired.process.node._controller.scheme.chain
+    before = vars(chain).copy()
+    assert not paired.peer.set_at_once(  # nothing of what is refused is taken
+        paired.name, orientation="euler_angles", wrench_bias=[8.0] + [0.0] * 5, M_p=[-1.0] * 3
+    )
+    assert vars(chain) == before
+    paired.change(orientation="euler_parameters")
     until_displaced_by(paired, 8.0 / 500.0)
     paired.change(K_p=[K_P / 2] * 3)
     until_displaced_by(paired, 8.0 / (K_P / 2))

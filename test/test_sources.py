@@ -182,6 +182,25 @@ def moving(world: Any, request: Any) -> Any:
     return node
 
 
+def test_a_defect_while_states_are_silent_is_logged_and_an_old_state_is_not_answered(moving):
+    node, arm, process = moving, moving.arm, moving.process
+    again = Stranger(arm, 0.0, "peer")
+    arm.graph.advance(1.0)
+    arm.t += 1_000_000_000
+    arm.states = again.states  # the driver was started again: one state, then none
+    arm.send(arm.message())
+    arm.graph.advance(3.0)
+    arm.commands.clear()
+    p, R = pose(arm.q)
+    node.references.publish(reference(DesiredFrame(p, R), times=(0.5,)))
+    assert arm.commands == []
+    try:
+        raise ZeroDivisionError("planted in a silence")
+    except ZeroDivisionError as error:
+        process.node._on_defect(error)
+    assert "planted in a silence" in process.log
+
+
 @pytest.mark.parametrize("offset", [1.57, 0.0])
 def test_a_second_publisher_that_appears_later_ends_the_commands_until_it_is_gone(moving, offset):
     node, arm = moving, moving.arm

@@ -197,6 +197,21 @@ def test_after_a_singularity_the_arm_is_held_until_the_next_reference():
     assert (arm.mode, arm.fault) == (Mode.FOLLOWING, "")
 
 
+def test_a_reference_that_leaps_in_the_tick_that_stops_the_arm_stops_it_no_second_time():
+    arm = on_its_way(clik(limited=True))
+    here = arm.here
+    arm.go(moved(0.3))
+    arm.follow(SetPoint(here, 0.1), arm.t + 600 * MS, arm.now)  # where it is not then
+    arm.run(0.599)
+    arm.scheme.tick = raises(SingularityError)
+    arm.step()
+    del arm.scheme.tick
+    arm.run(1.0)
+    arm.aim(arm.here, arm.now)
+    arm.step()
+    assert (arm.mode, arm.fault) == (Mode.FOLLOWING, "")
+
+
 def test_a_law_that_cannot_even_hold_has_a_defect_and_gravity_is_compensated():
     arm = on_its_way(dynamic_control())
     arm.scheme.hold = arm.scheme.tick = raises(SingularityError)
