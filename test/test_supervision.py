@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 from arms import HOME, STILL, UR5, clik, dynamic_control
-from driven import DT, MS, Driver, on_its_way, pose_of
+from driven import DT, MS, Driver, moved, on_its_way, pose_of
 from samples import generator
 from tolerances import GUARD_ROUNDING, HELD, RELATIVE
 

@@ -70,7 +70,7 @@ class ControllerOptions:
 
 
 class Guidance:
-    """The desired frame of each state.
+    """Refuses references that must not be followed, and makes the desired frame of each state.
 
     Attributes:
         motion: what is followed, or the frame that is held.
