@@ -211,7 +211,7 @@ def vocabulary() -> set[str]:
 @pytest.mark.parametrize("page", sorted(PAGES.keys() - {"robots.md"}))  # it names drivers
 def test_each_name_in_code_is_one_of_the_sources_and_each_path_exists(page):
     for code in re.findall(r"`([^`\n]+)`", BLOCK.sub("", PAGES[page])):
-        for name in re.findall(r"[a-z]+_\w*[a-z\d]", code):
+        for name in re.findall(r"_?[a-z]+_\w*[a-z\d]", code):
             assert {name, name.upper()} & vocabulary(), code
         for path, name in re.findall(r"([\w/]+\.py)::(?:\w+\.)?(\w+)", code):
             source = (ROOT / ("" if "/" in path else "test") / path).read_text()
