@@ -130,8 +130,6 @@ class ControlNode(ManagedNode):
         states = self._input
         if states.unanswered is None or states.measured is None:
             return
-        if states.is_silent and not states.is_simulated:
-            return  # it is too old to act on
         (t, q, dq), are_believed = states.measured, states.source.look(steady.now())
         if self._controller is None:  # nothing listens yet to what belongs to the state
             self.observe(t, q, dq)
