@@ -85,6 +85,15 @@ class OverloadError(FollowingError):
     remedy = "free the tool, then send the reference again"
 
 
+class LoadError(FollowingError):
+    """A load, or a push, is more than the springs of the arm hold."""
+
+    remedy = (
+        "take the load off, or declare it (tool_mass, tool_com), or raise K_p, K_o, "
+        "error_clip_position or max_stretch; then send the reference again"
+    )
+
+
 class ContactError(FollowingError):
     """The controller feeds an oscillation of its contact."""
 
@@ -102,6 +111,10 @@ class UnsafeCommandError(EulerParamsError):
 
 class RobotError(EulerParamsError):
     """The robot description lacks what is asked of it (a frame, a joint, a limit)."""
+
+
+class ModelError(ConfigurationError):
+    """The model is not that of the arm: it must not be controlled by it."""
 
 
 class InvalidMessageError(EulerParamsError):

@@ -61,7 +61,9 @@ def silence(arm):
 
 
 def fault(arm):
-    arm.step(0.0, q=arm.q + 1e-3)  # under the same stamp
+    arm.q = arm.q + 1e-3
+    for _ in range(3):
+        arm.step(0.0, q=arm.q)  # under the same stamp
     assert arm.why.cause is Cause.STAMP_STUCK
     arm.q = arm.q - 1e-3
     arm.run(0.6)

@@ -182,6 +182,22 @@ def wrong_answers(run):
             yield row.t, "efforts after the arm ran away"
 
 
+def wrong_restarts(run):
+    """No stream goes on after a fault: it pauses, or somebody resumes."""
+    it, seen = run.it, {}
+    resumes = [t for t, name in it.orders if name == "resume"]
+    for row in it.rows:
+        stays = row.t - seen.setdefault((row.life, row.stamp), row.t)
+        if stays <= TIMEOUT + ROUNDING or row.command is not None or run.leader == "way points":
+            continue
+        ends = [*resumes, *(later.t for later in it.rows if later.life != row.life), math.inf]
+        end = min(t for t in ends if t > row.t)
+        led = [t for t, name in it.orders if name in ("stream", "aim", "jog") and row.t < t < end]
+        if led:
+            yield led[0], "a stream goes on after a fault"
+        return
+
+
 def wrong_motions(run):
     """Never fast; at rest after a halt or a silence; and in the end where it is sent."""
     it, (t, _, dq) = run.it, map(np.array, zip(*run.it.truth, strict=True))
@@ -224,10 +240,13 @@ def wrong_tips(run):
                 yield t, f"{len(rates)}: {norms} of the tip; allowed {limit}"
 
 
+ORACLES = wrong_commands, wrong_answers, wrong_restarts, wrong_motions, wrong_tips
+
+
 def judged(seed):
     """Return what is wrong in the sequence of a seed, in words."""
     run = Sequence(seed).run()
-    it, oracles = run.it, (wrong_commands, wrong_answers, wrong_motions, wrong_tips)
+    it, oracles = run.it, ORACLES
     found = [f"{t:.3f} s: {text}" for each in oracles for t, text in itertools.islice(each(run), 3)]
     about = f"seed {seed}: {it.law} {it.arm.name} {it.rate} Hz, {run.leader}, {it.values}"
     return "\n  ".join([about, *map(str, run.faults), *found]) if found else ""

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from arms import HOME, STILL, UR5, pose_of
 
+from eulerparams_control.control.controller import Controller, ControllerOptions
 from eulerparams_control.control.mode import Cause, why_of
 from eulerparams_control.errors import ConfigurationError, ContactError
-from eulerparams_control.laws.contact_bound import stiffest_contact
+from eulerparams_control.laws.contact_bound import damping_for, stiffest_contact
 from eulerparams_control.laws.contact_watch import ContactWatch, Oscillation
 from eulerparams_control.laws.wrench import SensedWrench
 from eulerparams_control.motion.frames import DesiredFrame
@@ -55,6 +56,7 @@ class Admittance:
         self.scheme.reset(self.q)
         self.servo.reset(self.q)
         self.t, self.found, self.x, self.f = 0.0, [], [], []
+        self.controller = None  # that leads the scheme, if there is one; then it goes to no target
 
     def step(self, force, target=0.0, speed=0.0):
         """Go on by a step under a force f(t, x, v) on the tool, to a target [m] along n."""
@@ -69,7 +71,10 @@ class Admittance:
         there = DesiredFrame(START.p_d + target * self.n, START.R_d, speed * self.n)
         damping = self.scheme.damping
         dt = DT if self.t else 0.0
-        frame = self.scheme.tick(dt, self.q, dq, there).command.frame
+        if self.controller is None:
+            frame = self.scheme.tick(dt, self.q, dq, there).command.frame
+        else:
+            frame = self.controller.step(round(1e9 * self.t), self.q, dq, self.t).frame
         if self.scheme.damping != damping:
             self.found.append((self.t, self.scheme.damping))
         self.late.append(self.servo.tick(dt, self.q, STILL, frame).command.q)
@@ -238,3 +243,23 @@ def test_an_impedance_that_is_too_fast_for_a_late_servo_is_refused_with_what_it_
     for possible in (late | damped, late | soft | {"stiffest_contact": 1.4e3}, soft):
         ImpedanceParameters(**possible).compliance_law()
     assert stiffest_contact(ImpedanceParameters().translation(), 0.0, 0.0) == math.inf
+
+
+@pytest.mark.parametrize("stiffness", [2e4, 1e5])
+@pytest.mark.parametrize("loop", ["UR5e", "late"])
+def test_an_impact_hardly_exceeds_max_contact_force_and_the_tool_is_free_after_the_stop(
+    loop, stiffness
+):
+    lag, delay = {"UR5e": (0.02, 0.004), "late": (0.04, 0.004)}[loop]
+    given = {"stiffest_contact": stiffness, "servo_lag": lag, "servo_delay": delay}
+    enough = 1.05 * damping_for(stiffness, 10.0, lag, delay)
+    arm = Admittance(lag, delay, 0.0, **given, D_p=(enough,) * 3)
+    touched, options = wall(stiffness), ControllerOptions.of(arm.scheme.parameters)
+    arm.controller = Controller(arm.scheme, options, HOME)
+    for k in range(6000):
+        if k == 100:  # as fast as the limits of the tip allow: 0.25 m/s, were the arm prompt
+            arm.controller.aim(DesiredFrame(START.p_d + 0.2 * X, START.R_d), arm.t)
+        arm.step(touched)
+    assert arm.controller.why.cause is Cause.CONTACT_TOO_LARGE
+    assert -min(arm.f) < 1.1 * arm.scheme.parameters.max_contact_force  # it stops late, too
+    assert -arm.f[-1] < 45.0

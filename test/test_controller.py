@@ -58,7 +58,12 @@ def test_a_stamp_that_is_repeated_gets_the_identical_command_and_integrates_noth
 @pytest.mark.parametrize(("dq", "dx"), [(0.0, 0.01), (0.1, 0.0)])
 def test_a_state_that_changes_under_the_same_stamp_gets_no_command_and_stops_the_arm(dq, dx):
     arm, _ = on_its_way()
-    assert arm.step(0.0, q=HOME + dx, dq=STILL + dq) is None
+    for _ in range(2):
+        assert arm.step(0.0, q=HOME + dx, dq=STILL + dq) is None  # one may be sent twice
+        assert arm.mode is Mode.FOLLOWING
+    assert arm.step(q=HOME, dq=STILL).q is not None
+    for _ in range(3):
+        assert arm.step(0.0, q=HOME + dx, dq=STILL + dq) is None
     assert "stamp stays" in arm.fault
     np.testing.assert_array_equal(arm.step(q=HOME, dq=STILL).dq, STILL)
     assert arm.fault
@@ -317,7 +322,8 @@ def test_a_reference_is_compared_with_where_an_arm_that_is_held_has_come_to(resu
     if resumes:
         arm.halt()
     else:
-        arm.step(0.0, q=HOME + 1e-6)  # a fault, after which a pause will do
+        for _ in range(3):
+            arm.step(0.0, q=HOME + 1e-6)  # a fault, after which a pause will do
     there = HOME + 0.3  # moved by others
     arm.run(1.0, q=there)  # its commands brake
     if resumes:

@@ -25,7 +25,7 @@ from ros_processes import (
 from samples import about
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from test_sources import REAL, Started, an_arm, go_on, told
+from test_sources import REAL, Started, an_arm, go_on, says, told
 from tolerances import RELATIVE, THROUGH_A_QUATERNION
 
 from eulerparams_control.control.clock import steady
@@ -363,6 +363,32 @@ def test_efforts_begin_at_those_that_the_robot_reports_unless_they_may_brake_it(
     arm.send_next()
     begin = gravity + more if bears else gravity
     np.testing.assert_allclose(arm.commands[0].effort, begin, atol=0.2)
+
+
+@pytest.mark.parametrize("believed", [True, False])
+def test_an_arm_whose_efforts_are_not_those_of_its_model_is_not_activated(world, believed):
+    arm, name = an_arm(world, "dynamic_control"), "dynamic_control"
+    on_a_wall = Robot(UR5.urdf, "base_link", "tool0", gravity=(-9.81, 0.0, 0.0))
+    efforts, say = on_a_wall.dynamic_state(HOME, 0 * HOME).g, arm.message
+
+    def message(q: Any = None) -> Any:
+        msg = say(q)
+        msg.effort = efforts.tolist()
+        return msg
+
+    arm.message = message
+    node = Started(world, name, arm, effort_feedback=believed)
+    if not believed:
+        go_on(arm, 0.5)
+        assert arm.commands
+        return
+    status = says(node, "model_mismatch", "inactive", lambda: go_on(arm, 0.1))
+    assert "hold its weight" in status.message
+    assert "gravity" in values(status)["remedy"]
+    assert arm.commands == []
+    arm.message = say  # it is taken off the wall: nothing is known of its efforts now
+    go_on(arm, 0.5)
+    assert arm.commands
 
 
 def test_whose_time_counts_is_known_also_after_it_was_changed(world):

@@ -64,8 +64,9 @@ def alter(arm, change):
 
 
 def change_under_the_same_stamp(arm):
-    """Let a fault happen; return no command."""
-    assert arm.step(0.0, q=arm.q + 1e-6, dq=STILL) is None
+    """Let a fault happen: a clock that stands."""
+    for _ in range(3):
+        assert arm.step(0.0, q=arm.q + 1e-6, dq=STILL) is None
     assert arm.why.cause is Cause.STAMP_STUCK
 
 
@@ -496,12 +497,16 @@ def test_only_a_resume_leads_out_of_a_halt_also_if_faults_come_before_or_after_i
     assert arm.mode is Mode.STOPPED
     arm.resume()
     assert (arm.mode, arm.fault) == (Mode.HOLDING, "")
+    refuses_all(arm, "send nothing for 0.5 s")  # it came while the arm was held, and has to pause
     before, q = arm.commands[-1], arm.q
     command = arm.step()
     if command.q is not None:
         np.testing.assert_allclose(command.q, q, atol=HELD)
     else:
         assert (np.abs(command.effort - before.effort) <= most_step(arm)).all()
+    arm.run(0.3)
+    refuses_all(arm, "send nothing for 0.5 s")
+    arm.run(0.51)
     for ask in asks(arm):
         ask()
         assert arm.mode is Mode.FOLLOWING

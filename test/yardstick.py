@@ -439,7 +439,7 @@ def _halt(script, _):
     script.go(10, "halt")
     script.go(90, "resume", speed=0.0)
     script.go(40, "follow", *circle(script.pose, 0.05, 0.5, 0.3, begin=0.2))
-    script.go(10, "resume")
+    script.go(280, "resume")  # a stream has to pause
     here = script.arm.pose(script.state()[0])
     script.go(120, "follow", *circle(here, 0.05, 0.3, 0.3, begin=0.1), speed=1.0)
     script.go(50, "end", speed=0.0)

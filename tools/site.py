@@ -20,6 +20,7 @@ from eulerparams_control.control.mode import Cause, Why
 from eulerparams_control.errors import (
     ContactError,
     FollowingError,
+    LoadError,
     OverloadError,
     SingularityError,
     UnsafeCommandError,
@@ -115,10 +116,11 @@ def remedies() -> dict[str, str]:
     whys = [found for found in vars(mode).values() if isinstance(found, Why)]
     whys += [
         mode.stuck(""),
+        mode.waiting(""),
         mode.contested("a, b"),
         clock.too_slow(0.02, gain, is_held=True),
         *map(mode.why_of, (SingularityError(), FollowingError(), ContactError())),
-        *map(mode.why_of, (OverloadError(), UnsafeCommandError())),
+        *map(mode.why_of, (LoadError(), OverloadError(), UnsafeCommandError())),
         Why(Cause.DEFECT, remedy=mode.REPORT_IT),
         wrench_input.lost(""),
         wrench_input.STUCK,

@@ -17,6 +17,9 @@ from eulerparams_control.errors import FollowingError, SingularityError, UnsafeC
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import JointCommand, Scheme
 
+# So many states in a row with the stamp of the last one, and other values, are a clock that stands.
+_MOST_ASTRAY = 3
+
 __all__ = ["Controller", "ControllerOptions"]
 
 
@@ -33,6 +36,7 @@ class Controller(Supervisor):
     ) -> None:
         super().__init__(scheme, options, q)
         self._wanted = self.limiter.limits  # of the joints; those in force come to them
+        self._astray = 0  # states in a row that differ from the last one, but not in their stamp
         self._is_weight = False  # whether efforts that were released came to the weight
         scheme.start_from(effort)
 
@@ -60,6 +64,7 @@ class Controller(Supervisor):
             return None
         if self.admission.last is None or state.restart is not None:
             state = self._begin_again(at, state)
+        self._astray = 0
         self.admission.take(at)  # only now: a restart that fails is one again
         self.q, self.dq = state.q, dq
         self._observe(at, state)
@@ -77,6 +82,9 @@ class Controller(Supervisor):
         stamp, command = f"its stamp stays at {at.stamp / 1e9:g} s", self.command
         is_position = command is not None and command.effort is None and command.dq is not None
         if not state.code & SAME:
+            self._astray += 1
+            if self._astray < _MOST_ASTRAY:
+                return None  # one that was sent twice, or changed on the way
             self._change(ModeEvent.FAULT, stuck(f"joint_states moves, but {stamp}"))
         elif at.receipt is None or (is_position and self.is_at_rest):
             return command  # it does no harm for as long as one likes
@@ -183,6 +191,7 @@ class Controller(Supervisor):
         joints, self.limiter.effort_rate = self.scheme.bounds
         if joints is not self.limiter.limits:
             self._wanted = joints
+        self.limiter.chase = options.chase(self.scheme.robot)
         self.guidance.change(self._wanted, options)
         self._lower(0.0)
 

@@ -21,6 +21,7 @@ from eulerparams_control.motion.references import Goal, Jog, SetPoint
 from eulerparams_control.motion.shaper import Reference, Shaper
 from eulerparams_control.motion.time_scale import TimeScale
 from eulerparams_control.motion.trajectories import Trajectory
+from eulerparams_control.robot.robot import Robot
 
 # In a step that is longer than this [s] a jerk is not small.
 _LONG = 0.005
@@ -28,6 +29,9 @@ _LONG = 0.005
 # Limits that are lowered slow the tip by this part of its acceleration, since a motion may have its
 # own across that, and the joints by the other.
 _OF_THE_TIP, _OF_THE_JOINTS = 0.3, 0.9
+
+# A rate of time below this is none.
+_CREEPING = 0.1
 
 # How far ahead [s] a reference may start: further, the two clocks are not the same.
 _MAX_AHEAD = 3600.0
@@ -53,19 +57,30 @@ class ControllerOptions:
     target_timeout: float = 0.1  # [s] for which a twist goes on without a successor
     speed_override: float = 1.0  # rate of time of what is followed; 0 halts on the path
     motion: MotionLimits | None = None  # limits of the tip; None shapes nothing
+    max_link_speed: float = math.inf  # [m/s] of the origin of each link
 
     @property
     def max_jump(self) -> tuple[float, float]:
         """By how much a reference may be away [m], [rad]."""
         return self.max_jump_position, self.max_jump_rotation
 
+    def chase(self, robot: Robot) -> float:
+        """Return the speed [rad/s] of one joint that moves no point of an arm too fast."""
+        return math.inf if self.motion is None else self.motion.linear_speed / robot.reach.radius
+
     @classmethod
     def of(cls, parameters: Any) -> "ControllerOptions":
         """Return the options that the parameters of a node say; with limits states are checked."""
-        names = {field.name for field in fields(cls)} - {"check_states", "motion"}
-        values = {name: getattr(parameters, name) for name in names}
+        made = {"check_states", "motion", "max_link_speed"}
+        names = {field.name for field in fields(cls)} - made
+        motion, most = parameters.motion_limits(), math.inf
+        if motion is not None:
+            most = parameters.max_link_speed or motion.linear_speed
         return cls(
-            **values, check_states=parameters.enforce_limits, motion=parameters.motion_limits()
+            **{name: getattr(parameters, name) for name in names},
+            check_states=parameters.enforce_limits,
+            motion=motion,
+            max_link_speed=most,
         )
 
 
@@ -80,17 +95,20 @@ class Guidance:
         tick_now: the last tick of the scheme; None before the first.
         ticked: stamp of that [ns].
         saturated: how many ticks a limit has changed.
+        waited: for how long [s] the time of a motion has stood or crept, for the arm is behind.
     """
 
     def __init__(
         self, scheme: Scheme, joints: JointLimits | None, options: ControllerOptions
     ) -> None:
         self._scheme, self._options = scheme, options
-        self.pace = Pace(joints, options.slow_below, scheme.robot.length, options.motion)
+        robot, most = scheme.robot, options.max_link_speed
+        threshold, motion = options.slow_below, options.motion
+        self.pace = Pace(joints, threshold, robot.length, motion, most, robot.link_speed)
         self.scale = TimeScale(options.motion)
         self.tick_now: Tick | None = None
         self.ticked: int | None = None
-        self.saturated, self._dt = 0, 0.0
+        self.saturated, self.waited, self._dt = 0, 0.0, 0.0
         # of the motion and the law of now: the last tick, and the one before
         self._ticks: tuple[Tick | None, Tick | None] = None, None
 
@@ -109,6 +127,7 @@ class Guidance:
     def change(self, joints: JointLimits | None, options: ControllerOptions) -> None:
         """Take over other limits, between two ticks, and perhaps another law."""
         self.pace.limits, self.pace.motion, self._options = joints, options.motion, options
+        self.pace.max_link_speed = options.max_link_speed
         self.scale.limits = options.motion
         self.motion.change(options.motion, options.max_jump)
         self._ticks = None, None
@@ -282,6 +301,10 @@ class Guidance:
         elif tick.excess > 1 and self._options.motion is not None and not self._scheme.is_frozen:
             # the arm is behind already: time waits for it at once
             scale.forget(max(scale.now / tick.excess, min(CREEP, scale.now)))
+        may_go = min(self.pace.wanted, self._options.speed_override) > _CREEPING
+        is_moved = not (self.motion.is_holding or self.is_braking or self._scheme.is_frozen)
+        creeps = is_moved and may_go and scale.now < _CREEPING
+        self.waited = self.waited + dt if creeps else 0.0
         self.tick_now, self.ticked = tick, t
         self.saturated += tick.saturated
 

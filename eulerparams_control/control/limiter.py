@@ -44,11 +44,13 @@ class Limiter:
     """Bounds each command by the limits of the joints and by the command before.
 
     ``limits`` None bounds nothing, but what is not finite is refused still; ``effort_rate`` [Nm/s]
-    is one, or (n,).  ``bounded`` counts the commands that had to be changed.
+    is one, or (n,).  ``bounded`` counts the commands that had to be changed; ``chase`` [rad/s or
+    m/s] is how fast a joint goes, at most, to where it is to be.
     """
 
     def __init__(self, limits: JointLimits | None, effort_rate: Array | float = math.inf) -> None:
         self.limits, self.effort_rate, self.bounded = limits, effort_rate, 0
+        self.chase = math.inf
         self.forget()
 
     @property
@@ -83,7 +85,7 @@ class Limiter:
             q_0, dq_0 = (NONE if part is None else part for part in (last.q, last.dq))
             lasted = dt if dt > 0 else (elapsed if elapsed > 0 else SHORTEST)
             q_c, dq, is_bent = _bounded_motion(
-                q_c, dq, q_0, dq_0, q, limits.rows, self._lag, elapsed, lasted
+                q_c, dq, q_0, dq_0, q, limits.rows, self._lag, elapsed, lasted, self.chase
             )
             changed = changed or is_bent
         if changed:
@@ -123,10 +125,10 @@ def _bounded_effort(effort: Array, before: Array | None, limit: Array, reach: Ar
     return safe
 
 
-@jit(_motion(vector, vector, vector, vector, vector, matrix, new_matrix, f8, f8))
+@jit(_motion(vector, vector, vector, vector, vector, matrix, new_matrix, f8, f8, f8))
 def _bounded_motion(
     q_c: Array, dq: Array, q_0: Array, dq_0: Array, q: Array, limits: Array, lag: Array,
-    elapsed: float, lasted: float,
+    elapsed: float, lasted: float, chase: float,
 ) -> tuple[Array, Array, bool]:  # fmt: skip
     """Return q_c and dq (n,) within their bounds, and whether they had to be changed.
 
@@ -158,7 +160,8 @@ def _bounded_motion(
         behind, change = difference(q_c[i], place, math.isinf(upper)), a * lasted
         if behind != 0.0:
             rate, way = min(_CHASE, 0.5 / lasted), abs(behind)
-            speed += math.copysign(min(rate * way, math.sqrt(min(a, _STEEP) * way)), behind)
+            rate = min(rate * way, math.sqrt(min(a, _STEEP) * way))
+            speed += math.copysign(min(rate, chase), behind)
         if behind != 0.0 or abs(speed) > most or abs(speed - before) > change + _ROUNDING:
             speed = clip(clip(speed, before - change, before + change), -most, most)
         changed = changed or place != q_c[i] or speed != dq[i]

@@ -10,6 +10,7 @@ from eulerparams_control.errors import (
     ContactError,
     EulerParamsError,
     FollowingError,
+    LoadError,
     OverloadError,
     SingularityError,
     UnsafeCommandError,
@@ -53,6 +54,7 @@ class Cause(StrEnum):
     FORCE_NOT_REACHED = "force_not_reached"  # no surface within the bound of the displacement
     CONTACT_OSCILLATES = "contact_oscillates"  # damping is raised; where that is not enough, held
     STIFFNESS_WAITS = "stiffness_waits"  # for energy: it would add too much to the arm
+    WAITING = "waiting"  # the time of the motion stands, or creeps: the arm does not follow
     # held still
     HALT = "halt"
     DEACTIVATED = "deactivated"  # until the arm is at rest; then nothing is commanded
@@ -61,6 +63,7 @@ class Cause(StrEnum):
     SINGULARITY = "singularity"
     NOT_FOLLOWING = "not_following"  # the arm does not follow its commands
     CONTACT_TOO_LARGE = "contact_too_large"  # more than max_contact_force or max_contact_torque
+    OVERLOADED = "overloaded"  # by a load, or a push, that the springs of the arm do not hold
     UNSAFE_COMMAND = "unsafe_command"
     ARM_MOVED = "arm_moved"  # before the motion began
     STAMP_STUCK = "stamp_stuck"  # states change, or go on, under one stamp
@@ -68,6 +71,7 @@ class Cause(StrEnum):
     RUNAWAY = "runaway"
     TWO_PUBLISHERS = "two_publishers"  # of joint_states
     INCOMPATIBLE_QOS = "incompatible_qos"  # of a publisher: nothing of it is received
+    MODEL_MISMATCH = "model_mismatch"  # the weight of the arm is not that of the model
     RATE_TOO_LOW = "rate_too_low"  # of joint_states, for the gains or for state_timeout
     DEFECT = "defect"
 
@@ -216,6 +220,7 @@ _CAUSES = (
     (SingularityError, Cause.SINGULARITY),
     (ContactError, Cause.CONTACT_OSCILLATES),
     (OverloadError, Cause.CONTACT_TOO_LARGE),
+    (LoadError, Cause.OVERLOADED),
     (FollowingError, Cause.NOT_FOLLOWING),
     (UnsafeCommandError, Cause.UNSAFE_COMMAND),
 )
@@ -247,6 +252,10 @@ REFERENCE_LEAPS = Why(
     Cause.REFERENCE_LEAPS,
     remedy="begin where the arm is, or raise max_jump_position and max_jump_rotation",
 )
+MODEL_MISMATCH = Why(
+    Cause.MODEL_MISMATCH,
+    remedy="see to gravity, the mount and the effort limits of the URDF, and tool_mass",
+)
 RUNAWAY = Why(
     Cause.RUNAWAY,
     remedy=f"see to delays and to the model of the arm, or lower the gains; then {CALL_RESUME}",
@@ -260,6 +269,15 @@ STIFFNESS_WAITS = Why(
     remedy="bring the desired frame nearer to the arm, or raise stiffness_energy",
     note="the stiffness waits: more of it would add energy to the arm, which is displaced",
 )
+
+
+def waiting(behind: str) -> Why:
+    """Return why the time of a motion stands; ``behind``: why the arm does not follow."""
+    return Why(
+        Cause.WAITING,
+        remedy="free the arm if something holds it, or send a nearer or slower reference",
+        note=f"the motion waits for the arm: {behind}",
+    )
 
 
 def stuck(fault: str) -> Why:

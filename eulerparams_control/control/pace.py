@@ -8,11 +8,13 @@ said here is how fast it may run; how it gets there is up to :class:`TimeScale`.
     at speed towards one     the tip is to be no faster than it can brake before it
     towards a limit          the joint is to be no faster than POSITION_RATE times its distance
     at its speed limit       it is to be no faster than that, which may have been lowered
+    where links are fast     no origin of a link is to be faster than max_link_speed
 
 Notation: ``sigma`` smallest singular value of J, ``s`` pace.
 """
 
 import math
+from collections.abc import Callable
 from enum import Enum, auto
 
 import numpy as np
@@ -37,6 +39,9 @@ _INNER, _SAME = 0.25, 1e-6
 
 # Towards a singularity the tip comes to rest with this time constant [s], at last.
 _STOP_TIME = 0.2
+
+# The pace follows the speed of a link late: it aims at this part of the limit.
+_LINK_PART = 0.85
 
 # A joint slower than this [rad/s, m/s] approaches nothing; within this distance [rad, m] of its
 # limit it is there, and within the other one it is near.
@@ -70,8 +75,11 @@ class Pace:
         threshold: float = 0.05,
         length: float = 1.0,
         motion: MotionLimits | None = None,
+        max_link_speed: float = math.inf,
+        link_speed: Callable[[Array, Array], float] | None = None,
     ) -> None:
-        self.limits, self.motion = limits, motion
+        self.limits, self.motion, self.max_link_speed = limits, motion, max_link_speed
+        self._link_speed = link_speed  # [m/s] of the fastest one at q, dq (n,)
         self._threshold, self._length = threshold, length
         self.forget()
 
@@ -101,6 +109,9 @@ class Pace:
         if self.limits is not None:
             slower, self.limit, self.joint = _by_limits(now, q, dq, self.limits)
             pace = min(pace, slower)
+        if self._link_speed is not None and math.isfinite(self.max_link_speed):
+            ratio = _LINK_PART * self.max_link_speed / max(self._link_speed(q, dq), _SLOW)
+            pace = min(pace, max(CREEP, now * ratio))
         self._sigma, self.singularity = sigma, near
         self.wanted, self._since = pace, 0.0
 

@@ -55,6 +55,7 @@ class Supervisor:
     def __init__(self, scheme: Scheme, options: ControllerOptions, q: Array) -> None:
         self.scheme, self._options = scheme, options
         self.limiter = Limiter(*scheme.bounds)
+        self.limiter.chase = options.chase(scheme.robot)
         self.guidance = Guidance(scheme, self.limiter.limits, options)
         self.admission = Admission(
             scheme.robot, options.state_timeout, options.max_latency, options.check_states, q
@@ -67,6 +68,7 @@ class Supervisor:
         self._left: float | None = None  # when the last command left [s], if it still may count
         self._halted = 0.0  # for how long [s] efforts were to stop the arm
         self._asked = -math.inf  # when something came last that is to move the arm [s]
+        self._refused = -math.inf  # the same, of what came while the arm was held
         self._begin(q)
 
     @property
@@ -293,19 +295,22 @@ class Supervisor:
         """Raise InvalidMessageError while a fault, or a halt, is to be seen to first.
 
         After a fault what moves the arm, and comes at t [s], has to pause, whatever its duration:
-        who sends it may not have noticed.  After a halt only a resume leads on.
+        who sends it may not have noticed.  After a halt only a resume leads on; what came while the
+        arm was held has to pause after that, too.
         """
         since, self._asked = t - self._asked, t
-        state, why = self.state, self.why
-        if state.latch is Latch.NONE:
-            return
+        state, why, refusal = self.state, self.why, ""
         held = f"the arm is held ({why.fault or why.cause})"
-        if state.latch is not Latch.PAUSE:
-            raise InvalidMessageError(f"{held}; {state.remedy}")
-        if min(since, t - why.at) < _PAUSE:
-            raise InvalidMessageError(
-                f"{held}; call ~/resume, or send nothing for {_PAUSE} s, then again"
-            )
+        if state.latch is Latch.NONE:
+            if t - self._refused < _PAUSE:
+                refusal = f"the arm was resumed meanwhile; send nothing for {_PAUSE} s, then again"
+        elif state.latch is not Latch.PAUSE:
+            refusal = f"{held}; {state.remedy}"
+        elif min(since, t - why.at) < _PAUSE:
+            refusal = f"{held}; call ~/resume, or send nothing for {_PAUSE} s, then again"
+        if refusal:
+            self._refused = t
+            raise InvalidMessageError(refusal)
 
     def aim(self, frame: DesiredFrame, now: float | None = None) -> None:
         """Go to a pose as fast as the limits allow, or follow a stream of them; see ``follow``."""

@@ -143,6 +143,7 @@ class Clik(Scheme):
     def reset(self, q: Array) -> None:
         """Begin at the measured q (n,) with zero velocity."""
         self._q, self._dq, self._x_de = q.copy(), np.zeros_like(q), None
+        self._home = self._q
         self._blend.reset()
 
     def resume(self, q: Array) -> None:
@@ -210,9 +211,8 @@ class Clik(Scheme):
     def _velocity(self, dt: float, arm: RobotState, desired: DesiredFrame) -> tuple[Array, Any]:
         k_Pp, k_Po = self._gains(dt, arm, desired)
         mean, dq_0 = held_frame(desired, dt), np.zeros(self.robot.n)
-        if self._posture is not None:
-            k = held_gain(self.parameters.k_posture, dt)
-            dq_0 = k * self.robot.limits.difference(self._posture, arm.q)
+        if (way := self.way_to_posture(arm.q)) is not None:
+            dq_0 = held_gain(self.parameters.k_posture, dt) * way
         return clik(arm, mean, self.orientation, self._x_de, k_Pp, k_Po, self._inverse, dq_0)
 
     def _gains(self, dt: float, arm: RobotState, desired: DesiredFrame) -> tuple[float, float]:

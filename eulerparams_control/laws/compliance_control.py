@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from eulerparams_control.errors import LoadError
 from eulerparams_control.laws.elasticity import Elasticity, SpringWrench
 from eulerparams_control.laws.inverse import matrix_product, solved, symmetric_modes
 from eulerparams_control.laws.inverse_dynamics import EffortControl, joint_acceleration
@@ -49,6 +50,10 @@ _DAMPED_SPEED = math.e / 2.0
 # A tip beyond its speeds is braked with this rate [1/s], and no more than this part of the rate of
 # the ticks.
 _BRAKE_RATE, _TICKS_SHARE = 100.0, 0.25
+
+# Inertia [kg m^2] of a rotor and its gear, at their joint, that no URDF states: the least of geared
+# arms.  Without it a light wrist could be pulled by less than the friction of its joint.
+_LEAST_ROTOR = 0.012
 
 # Of the force that an arm may lose at once, without a lunge, what is fed forward takes this part:
 # less than the springs that hold it.
@@ -252,6 +257,7 @@ class ComplianceControl(EffortControl):
     those of before is no spring, and would push an arm that is let go.  The efforts have their
     rates besides."""
 
+    behind = "the springs pull no harder: something holds the tip, or friction its joints"
     parameters: "ComplianceParameters"
     _mode: tuple[float, float] | None = None
 
@@ -324,12 +330,15 @@ class ComplianceControl(EffortControl):
         if self.limits is None:
             w = w if fed is None else w + fed
         else:
+            self._refuse_load(tip)
+            rotors = _LEAST_ROTOR * np.eye(len(arm.q))
+            mobility = arm.J @ solved(state.B + rotors, arm.J.T)
             if float(w @ tip.v_d) > 0.0:  # time waits only while the motion stretches the springs
                 excess = max(1.0, stretch)
-            resting, moving = self._margins(dt, arm.J, tip, w)
+            resting, moving = self._margins(dt, arm.J, tip, mobility, w)
             self._lowered = _lower_clips(self._lowered, resting, stretch)
             if fed is not None:
-                w = w + self._margins(dt, arm.J, tip, fed / _FEEDFORWARD_SHARE)[0] * fed
+                w = w + self._margins(dt, arm.J, tip, mobility, fed / _FEEDFORWARD_SHARE)[0] * fed
             if float(w @ tip.v) > 0.0:  # no more
                 lost += (1.0 - moving) * float(w @ (tip.v - tip.v_d))
                 w = moving * w
@@ -343,10 +352,26 @@ class ComplianceControl(EffortControl):
         ddq = ddq_d + tip.M @ (w + tip.damping)
         return ddq, x_de, SpringDamperState(f, mu, energy, lost, excess, self._lowered)
 
-    def _margins(self, dt: float, J: Array, tip: TipWrench, w: Array) -> tuple[float, float]:
-        """Return the parts of a wrench w (6,) that may drive a tip at rest, and this one."""
-        a = tip.mobility @ w
-        b = tip.mobility @ (tip.springs.F @ (tip.E @ a))
+    def _refuse_load(self, tip: TipWrench) -> None:
+        """Raise LoadError while the tip moves against springs that are far beyond their clip."""
+        # as they are stated, wherever the clip is lowered to
+        stretch, most = (1.0 - self._lowered) * tip.springs.stretch, self.parameters.max_stretch
+        if stretch > most and float(tip.w @ tip.v) < 0.0:
+            raise LoadError(
+                f"the springs are stretched {stretch:.2f} times as far as they pull harder, and "
+                f"give way; at most max_stretch {most:g}: an arm that nobody pushes bears a load "
+                "that was not declared"
+            )
+
+    def _margins(
+        self, dt: float, J: Array, tip: TipWrench, mobility: Array, w: Array
+    ) -> tuple[float, float]:
+        """Return the parts of a wrench w (6,) that may drive a tip at rest, and this one.
+
+        ``mobility`` (6, 6) is that of an arm with rotors.
+        """
+        a = mobility @ w
+        b = mobility @ (tip.springs.F @ (tip.E @ a))
         return release_margins(tip.v, a, b, self._speeds, J.T @ w, self._rate, dt)
 
     @property

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from eulerparams_control.errors import SingularityError
+from eulerparams_control.laws.hold import NO_CONTACT, Retreat
 from eulerparams_control.laws.inverse_dynamics import EffortControl, joint_acceleration
 from eulerparams_control.laws.jit import f8, jit
 from eulerparams_control.laws.orientation import Lyapunov, OrientationRepresentation
@@ -128,6 +129,7 @@ class NoMotionLoop:
 
     def __init__(self, robot: Robot, parameters: "ResolvedParameters") -> None:
         self.robot = robot
+        self._contact, self._retreat = NO_CONTACT, Retreat()
         self.change(parameters)
 
     def change(self, parameters: "ResolvedParameters") -> None:
@@ -142,13 +144,44 @@ class NoMotionLoop:
             refuse_error(desired, state.arm, self.parameters)
         return Tick(JointCommand(), desired, state.arm, None)
 
-    def hold(self, *_: Any) -> JointCommand:
+    def hold(self, dt: float, q: Array, dq: Array, w: Array | None = None) -> JointCommand:
+        """Return no command; see :meth:`retreated`."""
+        return JointCommand()
+
+    def retreated(self, dt: float, held: DesiredFrame, dp_e: Array, w: Array) -> DesiredFrame:
+        """Return the frame to hold after dt [s], away from what the arm drove into.
+
+        Args:
+            dt: [s].
+            held: the frame until now.
+            dp_e: (3,) [m/s] of the tip.
+            w: (6,) contact.
+        """
+        v = self._retreat.velocity(dt, dp_e, w[:3]) if self._contact.drove_in else None
+        if v is None:
+            self._contact = NO_CONTACT
+            return DesiredFrame(held.p_d, held.R_d)
+        return DesiredFrame(held.p_d + dt * v, held.R_d, v)
+
+    def last_command(self, *_: Any) -> JointCommand:
         """Return no command."""
         return JointCommand()
 
-    last_command = hold
+    def note_contact(
+        self, dt: float, arm: RobotState, desired: DesiredFrame, force: Array | None, presses: bool
+    ) -> None:
+        """Sum up the work on a contact, see :meth:`EffortControl.note_contact`."""
+        self._retreat = Retreat()
+        if force is None:
+            self._contact = NO_CONTACT
+        else:
+            self._contact = self._contact.after(dt, force, True, desired.dp_d, arm.dp_e, presses)
+
+    def reset(self, *_: Any) -> None:
+        """Forget the contact."""
+        self._contact, self._retreat = NO_CONTACT, Retreat()
 
     def bound(self, *_: Any) -> None:
         """Do nothing: no joints are commanded."""
 
-    reset = resume = start_from = skip = note_contact = bound
+    resume = start_from = skip = bound

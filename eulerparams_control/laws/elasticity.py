@@ -66,6 +66,8 @@ class Elasticity:
         self.orientation, self.K_p, self.K_o, self.frame = orientation, K_p, K_o, frame
         self.clip_position, self.clip_rotation = clip_position, clip_rotation
         self.clips = np.array((clip_p, clip_o))
+        # [Nm] twice that of the rotation vector; next to a pole Euler angles ask for any moment
+        self._most_moment = 2.0 * clip_o * math.sqrt(float(np.linalg.eigvalsh(stiff_o.K)[-1]))
         self._K_x = orientation.impedance(rotation).K
         self._F_p = np.linalg.cholesky(stiff_p.K)
         self._F_x = np.linalg.cholesky(orientation.impedance(stiff_o).K)
@@ -81,6 +83,8 @@ class Elasticity:
         clip_p, clip_o = (clip_share * self.clips).tolist()
         share_p, stretch_p, U_p = clipped(dot(f, dp_de) / 2.0, clip_p)
         share_o, stretch_o, U_o = clipped(turned.energy, clip_o)
+        most = clip_share * self._most_moment
+        share_o *= min(1.0, most / max(share_o * norm(mu), _TINY))
         F[:3, :3] = self._F_p if self.frame == "base" else R_d @ self._F_p
         F[3:, 3:] = turned.axes @ self._F_x
         return SpringWrench(share_p * f, share_o * mu, U_p + U_o, max(stretch_p, stretch_o), F)

@@ -92,6 +92,27 @@ class ContactWork(NamedTuple):
 NO_CONTACT = ContactWork()
 
 
+class Retreat:
+    """Leads the tip away from a contact that the arm drove into, along its force."""
+
+    def __init__(self) -> None:
+        self._lasted = self._way = self._force = 0.0  # [s], [m], and the largest force [N]
+
+    def velocity(self, dt: float, dp_e: Array, force: Array) -> Array | None:
+        """Return the velocity (3,) [m/s] to go on with; None: the retreat has ended.
+
+        Little of the force (3,) [N] is left, or brakes hold the tip, or it is that of a load.
+        """
+        size = norm(force)
+        self._lasted, self._force = self._lasted + dt, max(self._force, size)
+        self._way += dt * dot(dp_e, force) / max(size, _CLAMP_FORCE)
+        is_stuck = self._way < _STUCK_PART * _RETREAT_SPEED * (self._lasted - _STUCK_TIME)
+        is_load = self._way > _LOAD_WAY and size > _LOAD_PART * self._force
+        if size < _CLAMP_FORCE or is_stuck or is_load or self._lasted > _RETREAT_TIME:
+            return None
+        return (_RETREAT_SPEED / size) * force
+
+
 class _Phase(Enum):
     BRAKING = auto()
     RETREATING = auto()  # from what the arm drove into
@@ -129,7 +150,7 @@ class JointHold:
         self._unmeasured = e if w is None else np.zeros(n)
         self._w, self._balanced = w, np.zeros(6) if w is None else w
         self._period, self._is_new = 0.0, True
-        self._retreated = self._retreat_way = self._retreat_force = 0.0
+        self._retreat = Retreat()
         self._swing = _Swing(n)
         force = self._force(state, e)
         # [N] that a tip in motion may feel of its joints' friction already
@@ -228,24 +249,19 @@ class JointHold:
             else:
                 self._hold_at(self._q_b)
         if self._phase is _Phase.HELD and self._drove_in and size > _CLAMP_FORCE:
-            self._phase, self._retreat_force = _Phase.RETREATING, size
+            self._phase = _Phase.RETREATING
         if self._phase is _Phase.RETREATING:
-            self._retreat(dt, state, force)
+            self._go_back(dt, state, force)
 
-    def _retreat(self, dt: float, state: DynamicState, force: Array) -> None:
+    def _go_back(self, dt: float, state: DynamicState, force: Array) -> None:
         """Move away along the force of a contact, until little of it is left, or it is none."""
-        arm, size = state.arm, norm(force)
-        self._retreated += dt
-        self._retreat_way += dt * float(arm.dp_e @ force) / max(size, _CLAMP_FORCE)
-        went = _STUCK_PART * _RETREAT_SPEED * (self._retreated - _STUCK_TIME)
-        is_stuck = self._retreat_way < went
-        is_load = self._retreat_way > _LOAD_WAY and size > _LOAD_PART * self._retreat_force
-        if is_stuck or is_load or self._retreated > _RETREAT_TIME:
-            self._drove_in = False
-        if not self._drove_in or size < _CLAMP_FORCE:
+        arm = state.arm
+        v = self._retreat.velocity(dt, arm.dp_e, force)
+        if v is None:
+            self._drove_in = self._drove_in and norm(force) < _CLAMP_FORCE
             self._hold_at(arm.q)
             return
-        dq_b = _speeds(arm.J, self._length) @ (_RETREAT_SPEED * force / size)
+        dq_b = _speeds(arm.J, self._length) @ v
         fastest = float(np.abs(dq_b).max())
         self._dq_b = dq_b * min(1.0, _RETREAT_JOINT_SPEED / max(fastest, _SLOW))
 

@@ -235,9 +235,11 @@ class ImpedanceControl(Scheme):
         self._q = q
         held = self._held or super().frame_at(q)
         self._forget()
-        self._held = held
         self._balance = self._contact_at(q, dq)
         w = None if self._sensed is None else self._balance
+        if isinstance(self.motion, NoMotionLoop) and w is not None:
+            held = self.motion.retreated(dt, held, self.robot.state(q, dq).dp_e, w)
+        self._held = held
         return self.motion.hold(dt, q, dq, w)._replace(frame=held)
 
     def last_command(self, q: Array, dq: Array) -> JointCommand:

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eulerparams_control.errors import RobotError, SingularityError
+from eulerparams_control.errors import ModelError, RobotError, SingularityError
 from eulerparams_control.laws.blend import Blend
 from eulerparams_control.laws.hold import NO_CONTACT, JointHold, contact_force
 from eulerparams_control.laws.inverse import DampedInverse
 from eulerparams_control.laws.jit import b1, jit, new_vector, types, vector
 from eulerparams_control.laws.limits import SHORTEST, JointLimits, factor_within
 from eulerparams_control.laws.orientation import OrientationRepresentation
-from eulerparams_control.laws.rotations import Array
+from eulerparams_control.laws.rotations import Array, norm
 from eulerparams_control.laws.scheme import Bounds, JointCommand, Scheme, Tick, refuse_error
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
@@ -29,6 +29,10 @@ if TYPE_CHECKING:
 # Time constant [s] of the acceleration that disturbances cause, and rate [1/s] at which the
 # external efforts are estimated.
 _DRIFT_TIME, _OBSERVER_RATE = 0.005, 100.0
+
+# The reported efforts at rest differ from the model by this part of the weight, and this part of
+# the effort limits, at most: friction, and a payload.
+_MODEL_PART, _LIMIT_PART = 0.3, 0.03
 
 # Square [Nm^2] of the external efforts below which the arm touches nothing.
 _NO_EFFORT = 1.0
@@ -126,9 +130,8 @@ class EffortControl(Scheme):
 
         A robot that compensates its weight itself begins at none.
         """
-        self._start = None
-        is_known = effort is not None and np.isfinite(effort).all() and effort.any()
-        if effort is not None and is_known and self.parameters.compensate_gravity:
+        effort, self._start = believed(effort, self.parameters), None
+        if effort is not None and self.parameters.compensate_gravity:
             self._start = self.robot.limits.limit_effort(effort)[0]
 
     def skip(self) -> None:
@@ -147,7 +150,8 @@ class EffortControl(Scheme):
         self.ddq = self.drift = self._zero
         self._is_obeyed = self._saturated = False  # by the efforts before, if they were not cut
         self._hold: JointHold | None = None
-        self._leave_the_law(q.copy())
+        self._home = q.copy()
+        self._leave_the_law(self._home)
 
     def _leave_the_law(self, q: Array) -> None:
         self._q = q
@@ -258,8 +262,8 @@ class EffortControl(Scheme):
         """Return ddq_0 (n,) = -k_null dq - k_posture (q - posture), which the tip does not feel."""
         p = self.parameters
         ddq_0 = -p.k_null * dq
-        if self._posture is not None:
-            ddq_0 += p.k_posture * self.robot.limits.difference(self._posture, q)
+        if (way := self.way_to_posture(q)) is not None:
+            ddq_0 += p.k_posture * way
         return ddq_0
 
     def _observe(self, dt: float, state: DynamicState) -> Array:
@@ -309,6 +313,47 @@ def cut_from(base: Array, tau: Array, most: Array) -> tuple[Array, bool]:
     if factor == 1.0 and not is_beyond:
         return tau.copy(), False
     return np.minimum(np.maximum(base + factor * (tau - base), -most), most), True
+
+
+def believed(effort: Array | None, parameters: "EffortParameters") -> Array | None:
+    """Return efforts (n,) that a robot reports, if they are those of its joints."""
+    is_known = effort is not None and np.isfinite(effort).all() and effort.any()
+    return effort if is_known and parameters.effort_feedback else None
+
+
+def refuse_mismatch(
+    robot: Robot, parameters: "EffortParameters", q: Array, effort: Array | None
+) -> None:
+    """Raise ModelError if the joints cannot bear the weight of the model, or bear another one.
+
+    Args:
+        robot: the model of the arm.
+        parameters: whether the robot compensates gravity itself, and reports its efforts.
+        q: (n,) at which the arm is at rest.
+        effort: (n,) that act there as the robot reports them; None: they are not known.
+    """
+    limits, joints = robot.limits.effort, ", ".join(robot.joints)
+    g = robot.dynamic_state(q, np.zeros(robot.n)).g
+    if (np.abs(g) > limits).any():
+        raise ModelError(
+            f"the weight of the arm needs {_listed(g)} Nm at {joints}, whose effort limits are "
+            f"{_listed(limits)} Nm: it would fall"
+        )
+    reported = believed(effort, parameters)
+    if reported is None:
+        return
+    expected = g if parameters.compensate_gravity else np.zeros(robot.n)
+    most = _MODEL_PART * norm(g) + _LIMIT_PART * norm(limits[np.isfinite(limits)])
+    if norm(reported - expected) > most:
+        raise ModelError(
+            f"the robot reports efforts of {_listed(reported)} Nm at {joints}; expected "
+            f"{_listed(expected)} Nm, which hold its weight by the URDF: does the tool touch "
+            "something? does the driver report other quantities (then set effort_feedback: false)?"
+        )
+
+
+def _listed(efforts: Array) -> str:
+    return f"({', '.join(f'{effort:.3g}' for effort in efforts)})"
 
 
 def refuse_model(robot: Robot) -> None:

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from eulerparams_control.parameters.common import ControlParameters
 
 
+# Directions in which a tip moves; an arm of more joints is redundant.
+_DIRECTIONS = 6
+
+
 class JointCommand(NamedTuple):
     """Command of a scheme to the joints; None for what it does not command."""
 
@@ -102,6 +106,7 @@ class Scheme(ABC):
 
     Attributes:
         is_frozen: whether the desired motion has to wait: what it needs is not known.
+        behind: why the arm is behind a motion whose time slows down by ``excess``.
         loop_rate: [1/s] of the loop of the fastest gain; 0 if no loop is closed here.
         hold_rate: [1/s] of the loop by which :meth:`hold` holds the arm; 0 if there is none.
     """
@@ -109,7 +114,10 @@ class Scheme(ABC):
     robot: Robot
     parameters: Any  # ControlParameters
     is_frozen = False
+    behind = "the law asks for more than the speeds of the joints"
     loop_rate = hold_rate = 0.0
+    _posture: Array | None  # (n,) that is asked for
+    _home: Array  # (n,) where it began, or was stopped last
     _q: Array  # (n,) where the tip has no error after a reset, or while it holds
 
     def rehearse(self) -> None:
@@ -124,6 +132,16 @@ class Scheme(ABC):
         """Return the frame of the tip at rest at the positions q (n,)."""
         arm = self.robot.state(q, np.zeros_like(q))
         return DesiredFrame(arm.p_e, arm.R_e)
+
+    def way_to_posture(self, q: Array) -> Array | None:
+        """Return the way (n,) from q to the posture of the arm; None if it has none.
+
+        A redundant arm for which none is asked keeps that in which it began, or was stopped last.
+        """
+        posture = self._posture
+        if posture is None and self.robot.n > _DIRECTIONS:
+            posture = self._home
+        return None if posture is None else self.robot.limits.difference(posture, q)
 
     def start_frame(self) -> DesiredFrame:
         """Return the frame at which the scheme has zero error after a reset, or while it holds."""

@@ -117,6 +117,13 @@ class ControlParameters(RealTimeParameters):
     max_angular_speed: float = parameter(
         1.0, "of the tip", unit="rad/s", bounds=(0.001, 100.0), live=True
     )
+    max_link_speed: float = parameter(
+        0.0,
+        "of the origin of each link, elbow and wrists among them; 0: max_linear_speed",
+        unit="m/s",
+        bounds=(0.0, 100.0),
+        live=True,
+    )
     max_linear_acceleration: float = parameter(
         1.0, "of the tip", unit="m/s^2", bounds=(0.01, 1e4), live=True
     )
@@ -250,6 +257,9 @@ class ControlParameters(RealTimeParameters):
     def robot(self, urdf: str) -> Robot:
         """Return the robot of a URDF; raises RobotError if it lacks a frame or a joint."""
         return Robot(urdf, self.base_frame, self.tip_frame, self.joints)
+
+    def refuse_start(self, robot: Robot, q: Array, effort: Array | None) -> None:
+        """Raise ModelError if the robot at q (n,), with its efforts, is not as the model says."""
 
     def inverse(self, robot: Robot) -> DampedInverse:
         """Return the inverse of the Jacobian of a robot."""

@@ -48,6 +48,13 @@ class ComplianceParameters(EffortParameters, scheme="compliance_control"):
     error_clip_rotation: float = parameter(
         0.2, "the same for the moment", unit="rad", bounds=(1e-3, 100.0), live=True
     )
+    max_stretch: float = parameter(
+        1.3,
+        "displacement beyond which an arm that is pushed on stops, in multiples of that at which "
+        "the springs are clipped",
+        bounds=(1.0, 1e4),
+        live=True,
+    )
     max_error_position: float = other_default(ControlParameters, "max_error_position", 10.0)
     max_error_rotation: float = other_default(ControlParameters, "max_error_rotation", math.pi)
 

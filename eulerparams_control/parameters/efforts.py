@@ -7,6 +7,7 @@ import numpy as np
 from eulerparams_control.errors import ConfigurationError
 from eulerparams_control.laws.friction import JointFriction
 from eulerparams_control.laws.impedance_matrices import symmetric_matrix
+from eulerparams_control.laws.inverse_dynamics import refuse_mismatch
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.parameters.common import ControlParameters, each_joint
 from eulerparams_control.parameters.fields import other_default, parameter
@@ -35,6 +36,9 @@ class EffortParameters(ControlParameters):
     compensate_coriolis: bool = parameter(True, "false: the robot does it itself")
     compensate_friction: bool = parameter(
         False, "true only where the friction is known: too much of it drives the joints"
+    )
+    effort_feedback: bool = parameter(
+        True, "false where the effort of joint_states is not that of the joints [Nm or N]"
     )
     friction_viscous: tuple[float, ...] = parameter(
         (), "one, or one a joint; empty: of the URDF", unit="Nm s/rad", bounds=(0.0, 1e4)
@@ -68,6 +72,11 @@ class EffortParameters(ControlParameters):
         """
         require_size("gravity", self.gravity, 3)
         return Robot(urdf, self.base_frame, self.tip_frame, self.joints, self.gravity, self.tool())
+
+    def refuse_start(self, robot: Robot, q: Array, effort: Array | None) -> None:
+        """Raise ModelError if the model contradicts an arm at rest, see :func:`refuse_mismatch`."""
+        if self.commands_joints:
+            refuse_mismatch(robot, self, q, effort)
 
     def friction_of(self, robot: Robot) -> JointFriction | None:
         """Return the friction that is compensated, or None; raises ConfigurationError."""

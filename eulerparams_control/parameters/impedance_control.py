@@ -18,6 +18,7 @@ from eulerparams_control.laws.impedance_matrices import (
 from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.wrench import WrenchChain
 from eulerparams_control.motion.frames import Placement
+from eulerparams_control.motion.motion_limits import MotionLimits
 from eulerparams_control.parameters.common import LATEST, NO_COMMANDS, PAIRINGS
 from eulerparams_control.parameters.efforts import ResolvedParameters, require_size
 from eulerparams_control.parameters.fields import other_default, parameter
@@ -29,6 +30,10 @@ _LEAST_DAMPING = 0.5
 # The mass beyond the sensor at most, as a part of that of the impedance: above about 0.56 a delay
 # of some ms destabilises the arm, as the sensor feels the acceleration before it is known.
 _MOST_TOOL = 0.5
+
+
+# Part of max_contact_force that an arm which follows late may make of a contact.
+_IMPACT_PART = 0.65
 
 
 @dataclass(frozen=True)
@@ -207,6 +212,10 @@ class ImpedanceParameters(
         live=True,
     )
     tare_samples: int = parameter(100, "that a tare is the mean of", bounds=(1, 100_000))
+    max_tare_force: float = parameter(
+        30.0, "a larger one is not tared: the tool touches something", unit="N", bounds=(0.0, 1e6)
+    )
+    max_tare_torque: float = parameter(3.0, "the same for the moment", unit="Nm", bounds=(0.0, 1e6))
     max_activation_force: float = parameter(
         5.0, "no activation while a larger force is felt", unit="N", bounds=(0.0, 1e6)
     )
@@ -271,7 +280,7 @@ class ImpedanceParameters(
             (
                 self.max_displacement_position,
                 self.max_displacement_rotation,
-                self.max_compliant_speed,
+                min(self.max_compliant_speed, self.impact_speed),
             ),
         )
         self._refuse_late(law.translation)
@@ -279,6 +288,24 @@ class ImpedanceParameters(
         if tool is not None:
             self._refuse_tool(tool, law)
         return law
+
+    @property
+    def impact_speed(self) -> float:
+        """The speed [m/s] at which the tip may meet ``stiffest_contact``.
+
+        An arm that follows late goes on by v (lag + delay), where the contact has the stiffness
+        K_e: v = F / (K_e (lag + delay)) for the force F.
+        """
+        late = self.servo_lag + self.servo_delay
+        force = _IMPACT_PART * self.max_contact_force
+        return force / (self.stiffest_contact * late) if late > 0.0 else math.inf
+
+    def motion_limits(self) -> MotionLimits | None:
+        """Return the limits of the tip, which is no faster than ``impact_speed``."""
+        limits = super().motion_limits()
+        if limits is None:
+            return None
+        return replace(limits, linear_speed=min(limits.linear_speed, self.impact_speed))
 
     def force_selection(self) -> Array:
         """Return (3,) 1 for each of x, y, z in force_axes, else 0; raises ConfigurationError."""

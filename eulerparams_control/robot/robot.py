@@ -210,6 +210,11 @@ class Robot:
         p_e, R_e = T_e.translation.copy(), T_e.rotation.copy()
         return RobotState(q, dq, p_e, R_e, v_e[:3], v_e[3:], J)
 
+    def link_speed(self, q: Array, dq: Array) -> float:
+        """Return the speed [m/s] of the origin of a link, of the fastest one, at q, dq (n,)."""
+        pin.forwardKinematics(self.model, self._data, q, dq)
+        return max(math.sqrt(v.linear @ v.linear) for v in self._data.v[1:])
+
     def states(self, q: Array, dq: Array) -> RobotState:
         """Return the kinematics of N samples q, dq (N, n) as one, its fields stacked."""
         stacked = RobotState(

@@ -12,7 +12,7 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from eulerparams_control.control.controller import Controller
-from eulerparams_control.control.mode import Cause, Mode, Why
+from eulerparams_control.control.mode import Cause, Mode, Why, waiting
 from eulerparams_control.control.pace import Nearness
 from eulerparams_control.errors import listed
 from eulerparams_control.laws.inverse import sigma_min
@@ -33,6 +33,9 @@ from eulerparams_control.parameters.common import ControlParameters
 from eulerparams_control.ros.diagnostics import ERROR, OK, WARN, Health, Values
 from eulerparams_control.ros.publishers import names_of_publishers, rivals
 from eulerparams_control.ros.state_input import State, StateInput
+
+# Time [s] for which the time of a motion stands until that is said.
+_WAITS = 0.5
 
 
 class ControlReport(Health):
@@ -94,6 +97,8 @@ class ControlReport(Health):
         """Say what the controller does, or why it holds still."""
         now, scheme, pace = controller.state, controller.scheme, controller.guidance.pace
         why, rate, note = now.why, controller.rate.why, self.note
+        if not note.cause and controller.guidance.waited > _WAITS:
+            note = waiting(scheme.behind)
         orientation, slowed = scheme.parameters.orientation, _slowed(controller)
         # without the joint that is near a limit, which may change often
         key = (

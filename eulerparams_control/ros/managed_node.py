@@ -18,8 +18,8 @@ from rclpy.subscription import Subscription
 from eulerparams_control.control.clock import steady
 from eulerparams_control.control.controller import Controller
 from eulerparams_control.control.guidance import ControllerOptions
-from eulerparams_control.control.mode import REPORT_IT, Why
-from eulerparams_control.errors import ConfigurationError, EulerParamsError, defect
+from eulerparams_control.control.mode import MODEL_MISMATCH, REPORT_IT, Why
+from eulerparams_control.errors import ConfigurationError, EulerParamsError, ModelError, defect
 from eulerparams_control.events import Event, tell
 from eulerparams_control.laws.scheme import Scheme
 from eulerparams_control.messages.keys import Lifecycle
@@ -85,6 +85,17 @@ class ManagedNode(LifecycleNode):
     def refusal(self) -> str:
         """Return why the arm must not be controlled yet; "" if it may."""
         return self._input.motion() if self._robot else ""
+
+    def _mismatch(self) -> Why:
+        """Return why the model is not that of the arm; Why() if it may be."""
+        states, robot = self._input, self._robot
+        assert states.measured is not None
+        assert robot is not None
+        try:
+            self._params.refuse_start(robot, states.measured[1], states.efforts)
+        except ModelError as error:
+            return MODEL_MISMATCH._replace(fault=str(error))
+        return Why()
 
     def values_now(self) -> Values:
         """Return what /diagnostics shows once a second, whether there are ticks or not."""
@@ -199,6 +210,8 @@ class ManagedNode(LifecycleNode):
                 raise ConfigurationError("joint_states has stopped; is the robot running?")
             if reason := self.refusal():
                 raise ConfigurationError(reason)
+            if (why := self._mismatch()).fault:
+                return self._fail_for(why)
             scheme = self.make_scheme(robot)
         except EulerParamsError as error:
             self._health.values.update(self.values_now())
@@ -296,6 +309,8 @@ class ManagedNode(LifecycleNode):
             elif reason := self.refusal():
                 text = f"not activated yet: {reason}"
                 self._health.set(WARN, text, mode=_INACTIVE, cause=Cause.REFUSED)
+            elif (why := self._mismatch()).fault:
+                self._fail_for(why)
             else:
                 self.trigger_activate()
 

@@ -67,15 +67,32 @@ class RestingContact:
         if not is_still(wrenches):
             raise ConfigurationError("the arm moves; hold it still")
         felt, spread = mean_felt(chain, wrenches), np.std([w for (w, _), _, _ in wrenches], axis=0)
-        force, torque = norms(felt - chain.tared)
-        if scheme is not None and self._touches(force, torque):
+        if scheme is None:
+            self._refuse_bias(*norms(felt))
+        else:
+            self._refuse_contact(*norms(felt - chain.tared))
+        (scheme or chain).tare(felt)
+        return felt, spread
+
+    def _refuse_contact(self, force: float, torque: float) -> None:
+        """Raise ConfigurationError if the tool of an arm that is controlled touches something."""
+        if self._touches(force, torque):
             raise ConfigurationError(
                 f"{force:.3g} N and {torque:.3g} Nm are felt while the arm is controlled, more "
                 "than max_activation_force or max_activation_torque: does it touch something? "
                 "Deactivate first if it does not"
             )
-        (scheme or chain).tare(felt)
-        return felt, spread
+
+    def _refuse_bias(self, force: float, torque: float) -> None:
+        """Raise ConfigurationError for a wrench that is no bias: the tool touches something."""
+        p = self._parameters
+        if force > p.max_tare_force or torque > p.max_tare_torque:
+            raise ConfigurationError(
+                f"{force:.3g} N and {torque:.3g} Nm are felt; at most max_tare_force "
+                f"{p.max_tare_force:g} N and max_tare_torque {p.max_tare_torque:g} Nm are taken "
+                "for no contact: does the tool touch something? is its weight declared "
+                "(tool_mass)? else state wrench_bias"
+            )
 
 
 def norms(w: Array) -> tuple[float, float]:
