@@ -39,6 +39,8 @@ _SWING_STATES = 3
 # The observer follows e at this part of w_i, and slower where a rotor of this inertia [kg m^2],
 # which the model may lack, would make it unstable; what it holds fades in this time [s].
 _OBSERVER_PART, _UNKNOWN_ROTOR, _FADE_TIME = 0.25, 0.1, 2.0
+# A contact that is not measured lets go where the half of its energy is gone, at this rate [1/s].
+_RELEASE_RATE = 400.0
 # A measured contact is balanced within this time [s], but does not grow while the tip moves into
 # it faster than this [m/s].
 _RISE_TIME, _APPROACH_SPEED = 0.05, 0.02
@@ -147,7 +149,7 @@ class JointHold:
         self._q_b = self._dq_b = self._ddq_b = np.zeros(n)
         self._fastest, self._most = _LATE_RATE, math.inf
         self.limits, self.rate, self._length, self._drove_in = limits, rate, length, drove_in
-        self._unmeasured = e if w is None else np.zeros(n)
+        self._unmeasured = self._lately = e if w is None else np.zeros(n)
         self._w, self._balanced = w, np.zeros(6) if w is None else w
         self._period, self._is_new = 0.0, True
         self._retreat = Retreat()
@@ -175,7 +177,7 @@ class JointHold:
         w_i = np.minimum(w_i, self._largest_rate(dt, arm.dq, E))
         P = B @ V
         K, D = (P * w_i**2) @ P.T, (P * 2 * w_i) @ P.T
-        self._observe(dt, w_i, V, P, e_now - self._measure(dt, state, w), e)
+        self._observe(dt, w_i, V, P, e_now - self._measure(dt, state, w))
         self._go_on(0.0 if self._is_new else dt, state, self._force(state, e))
         self._is_new = False
         away = self.limits.difference(self._q_b, arm.q)
@@ -206,7 +208,8 @@ class JointHold:
         J = state.arm.J
         if (w is None) != (self._w is None):
             before = np.zeros(6) if w is None else w
-            self._unmeasured = self._unmeasured + J.T @ (self._balanced - before)
+            change = J.T @ (self._balanced - before)
+            self._unmeasured, self._lately = self._unmeasured + change, self._lately + change
             self._balanced = before
         self._w = w
         if w is None:
@@ -219,16 +222,17 @@ class JointHold:
             self._balanced = self._balanced + part * (w - self._balanced)
         return measured
 
-    def _observe(self, dt: float, w_i: Array, V: Array, P: Array, e_now: Array, e: Array) -> None:
+    def _observe(self, dt: float, w_i: Array, V: Array, P: Array, e_now: Array) -> None:
         """Go on to what is not measured of e: the observer of De Luca and others, mode by mode."""
         k_i = np.minimum(_OBSERVER_PART, 1 / (1 + _UNKNOWN_ROTOR * (V**2).sum(axis=0)))
         part = 1 - np.exp(-k_i * w_i * dt)
         change = P @ (part * (V.T @ (e_now - self._unmeasured)))
         self._unmeasured = math.exp(-dt / _FADE_TIME) * self._unmeasured + change
+        self._lately = self._lately + (1 - math.exp(-_RELEASE_RATE * dt)) * (e_now - self._lately)
         if self._w is None:
-            left, held = V.T @ e / w_i, V.T @ self._unmeasured / w_i
+            left, held = V.T @ self._lately / w_i, V.T @ self._unmeasured / w_i
             if left @ left < 0.5 * held @ held:  # the contact lets go
-                self._unmeasured = e
+                self._unmeasured = np.zeros_like(e_now)
 
     def _go_on(self, dt: float, state: DynamicState, force: Array) -> None:
         """Move q_b, dq_b on, and decide how they go on from there."""
