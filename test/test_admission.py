@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arms import HOME, UR5, Plant, clik, dynamic_control
+from arms import HOME, UR5, Plant, clik, dynamic_control, robot_named, robot_of
 from driven import CHECKED, LIMITS, MS, T_0, Driver, moved
 from samples import generator
 from tolerances import RELATIVE, assert_close
 
 from eulerparams_control.control.clock import Latency, Rate
 from eulerparams_control.control.controller import ControllerOptions
-from eulerparams_control.control.mode import Cause, Mode
+from eulerparams_control.control.mode import Cause, Mode, Why
 from eulerparams_control.errors import InvalidMessageError, RobotError
 from eulerparams_control.robot.catalogue import find_urdf
 from eulerparams_control.robot.robot import Robot
@@ -309,6 +309,21 @@ def test_a_rate_that_the_gains_do_not_bear_is_a_fault_or_a_warning(scheme, rate,
         assert arm.step() is not None  # it is held
         with pytest.raises(InvalidMessageError, match="too seldom"):
             arm.aim(arm.here, 99.0)
+
+
+@pytest.mark.parametrize(("rotors", "rate"), [(0.0, 680), (0.1, 206)])
+def test_the_rate_at_which_a_hand_that_lets_go_is_seen_in_time_is_said(rotors, rate):
+    robot, home = robot_of("kuka_iiwa"), robot_named("kuka_iiwa")[1]
+    robot.model.armature[:] = rotors
+    scheme = dynamic_control(robot=robot, q=home, shape_motion=True)
+    arm = Driver(scheme, home, period=1.3 / rate)
+    arm.run(0.2)
+    assert "a hand that leaned on the arm" in arm.rate.why.note
+    assert f"publish {scheme.release_rate:.3g} times a second" in arm.rate.why.remedy
+    assert scheme.release_rate == pytest.approx(rate, rel=0.01)  # F / (m_d 0.25 m/s)
+    arm = Driver(scheme, home, period=0.8 / rate)
+    arm.run(0.2)
+    assert arm.rate.why == Why()
 
 
 def test_the_remedy_of_a_rate_that_is_too_low_helps():

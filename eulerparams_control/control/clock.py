@@ -68,9 +68,10 @@ class Instant(NamedTuple):
 
 class _Verdict(IntEnum):
     FINE = 0
-    LOW = 1  # the law is not what it would be in continuous time
-    TOO_LOW = 2  # the law is not stable
-    TOO_RARE = 3  # each state comes after a silence
+    BLIND = 1  # a hand that lets go may make the tip too fast
+    LOW = 2  # the law is not what it would be in continuous time
+    TOO_LOW = 3  # the law is not stable
+    TOO_RARE = 4  # each state comes after a silence
 
 
 class Rate:
@@ -133,11 +134,15 @@ class Rate:
             verdict = _Verdict.TOO_LOW
         elif turn > self._bound(_Verdict.LOW, _FINE_TURN):
             verdict = _Verdict.LOW
+        elif scheme.release_rate * period > self._bound(_Verdict.BLIND, 1.0):
+            verdict = _Verdict.BLIND
         if (verdict, is_known) == self._verdict:
             return
         self._verdict, self.why, gain = (verdict, is_known), Why(), scheme.fastest_gain
         if verdict is _Verdict.TOO_RARE:
             self.why = too_rare(period, self._timeout)
+        elif verdict is _Verdict.BLIND:
+            self.why = blind(period, scheme.release_rate)
         elif verdict is not _Verdict.FINE and gain is not None:
             self.why = too_slow(period, gain, is_held=self.is_too_low)
 
@@ -170,6 +175,16 @@ def too_slow(period: float, gain: LoopGain, *, is_held: bool) -> Why:
     if is_held:
         return Why(Cause.RATE_TOO_LOW, text, f"{remedy}; then {SEND_AGAIN}")
     return Why(remedy=remedy, note=text)
+
+
+def blind(period: float, rate: float) -> Why:
+    """Return what an arm is not safe from whose states come every period [s]."""
+    return Why(
+        remedy=f"let the driver publish {rate:.3g} times a second or more",
+        note=f"joint_states come {1 / period:.3g} times a second: until the next one comes a hand "
+        "that leaned on the arm with a fifth of what its joints hold, and lets go, may make the "
+        "tip faster than max_linear_speed",
+    )
 
 
 class Latency:

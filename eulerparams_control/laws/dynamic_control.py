@@ -125,7 +125,8 @@ def braked(k_P: float, k_V: float, e: float, speed: float, a: float, resisted: f
 class NoMotionLoop:
     """Commands nothing: the compliant frame goes to a controller of positions (admittance)."""
 
-    fastest_gain, hold_rate, loop_rate = None, 0.0, 0.0  # the loops are those of the robot
+    fastest_gain = None  # the loops are those of the robot
+    hold_rate = loop_rate = release_rate = 0.0
 
     def __init__(self, robot: Robot, parameters: "ResolvedParameters") -> None:
         self.robot = robot

@@ -20,9 +20,12 @@ from eulerparams_control.robot.robot import DynamicState
 # Least force [N] of a contact: as it is measured; as it is estimated, for a tip at rest, and for
 # one that is faster than this [m/s], which may feel the friction of its joints.
 _MEASURED, _ESTIMATED, _ESTIMATED_IN_MOTION, _AT_REST = 10.0, 20.0, 60.0, 0.05
+# A person leans on an arm with this part of what its joints hold.
+_LEANING_PART = 0.2
 # A joint is held by its effort limit where it deviates by this [rad or m].
 _FULL_EFFORT_DEVIATION = 0.05
 _UNLIMITED_EFFORT = 1000.0  # [Nm or N] where a joint has no effort limit
+_TINY_LEVER = 1e-3  # [m] a joint that feels a force by less does not bound it
 # Largest w_i times the period [s] of the states; the period where it is not known yet.
 _RATE_TIMES_PERIOD, _UNKNOWN_PERIOD = 0.25, 0.01
 # No w_i is faster than efforts that change at their rate reach this part of their limit.
@@ -324,6 +327,20 @@ def least_contact(is_measured: bool, dp_e: Array) -> float:
 def contact_force(J: Array, e: Array, length: float) -> Array:
     """Return the force (3,) [N] on the tip that exerts e (n,) on the joints, as far as one can."""
     return _speeds(J, length).T @ e
+
+
+def release_rate(state: DynamicState, E: Array, fastest: float) -> float:
+    """Return the rate [1/s] of states at which an arm that a hand lets go is slow enough.
+
+    The hand leaned along an axis d of the base, with a fifth of what the joints hold: F = 0.2
+    min_j (E_j - |g_j|) / |J_j' d|.  Until the next state shows that it is gone it is balanced, and
+    accelerates the tip by |J B^-1 J' d| F, to ``fastest`` [m/s] at most.
+    """
+    J = state.arm.J[:3]
+    left = np.maximum(np.where(np.isfinite(E), E, _UNLIMITED_EFFORT) - np.abs(state.g), 0.0)
+    F = _LEANING_PART * (left[:, None] / np.maximum(np.abs(J.T), _TINY_LEVER)).min(axis=0)
+    accelerations = np.linalg.norm(J @ np.linalg.solve(state.B, J.T), axis=0)
+    return float((accelerations * F).max()) / fastest
 
 
 def _speeds(J: Array, length: float) -> Array:

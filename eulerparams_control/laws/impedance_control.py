@@ -207,7 +207,7 @@ class ImpedanceControl(Scheme):
     def _restart(self, q: Array) -> None:
         if self.compliant.now is not None:
             self._balance = self._contact_at(q, np.zeros_like(q))
-        self._q = q.copy()
+        self._q, self.release_rate = q.copy(), self.motion.release_rate
         self._forget()
 
     def _contact_at(self, q: Array, dq: Array) -> Array:

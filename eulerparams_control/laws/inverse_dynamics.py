@@ -13,7 +13,7 @@ import numpy as np
 
 from eulerparams_control.errors import ModelError, RobotError, SingularityError
 from eulerparams_control.laws.blend import Blend
-from eulerparams_control.laws.hold import NO_CONTACT, JointHold, contact_force
+from eulerparams_control.laws.hold import NO_CONTACT, JointHold, contact_force, release_rate
 from eulerparams_control.laws.inverse import DampedInverse
 from eulerparams_control.laws.jit import b1, jit, new_vector, types, vector
 from eulerparams_control.laws.limits import SHORTEST, JointLimits, factor_within
@@ -152,6 +152,9 @@ class EffortControl(Scheme):
         self._hold: JointHold | None = None
         self._home = q.copy()
         self._leave_the_law(self._home)
+        if self._motion is not None:
+            limit, fastest = self.robot.limits.effort, self._motion.linear_speed
+            self.release_rate = release_rate(self.robot.dynamic_state(q, self._zero), limit, fastest)
 
     def _leave_the_law(self, q: Array) -> None:
         self._q = q

@@ -109,13 +109,15 @@ class Scheme(ABC):
         behind: why the arm is behind a motion whose time slows down by ``excess``.
         loop_rate: [1/s] of the loop of the fastest gain; 0 if no loop is closed here.
         hold_rate: [1/s] of the loop by which :meth:`hold` holds the arm; 0 if there is none.
+        release_rate: [1/s] of states at which a hand that lets go makes no tip too fast, see
+            :func:`eulerparams_control.laws.hold.release_rate`; 0 if any will do.
     """
 
     robot: Robot
     parameters: Any  # ControlParameters
     is_frozen = False
     behind = "the law asks for more than the speeds of the joints"
-    loop_rate = hold_rate = 0.0
+    loop_rate = hold_rate = release_rate = 0.0
     _posture: Array | None  # (n,) that is asked for
     _home: Array  # (n,) where it began, or was stopped last
     _q: Array  # (n,) where the tip has no error after a reset, or while it holds
