@@ -165,8 +165,10 @@ class Supervisor:
             if mode.is_runaway:
                 return
         if self.limiter.commands_efforts and self.limiter.limits is not None:
+            # what pushes an arm that was to stop knows nothing of the limits of its motion
+            limits = self.scheme.robot.limits if mode.is_halted else self.limiter.limits
             self._halted += state.dt if mode.is_halted else 0.0
-            self._see_runaway(self.limiter.limits.velocity)
+            self._see_runaway(limits.velocity)
 
     def _see_runaway(self, limits: Array) -> None:
         """Release an arm with a joint that efforts have made too fast for its limit (n,)."""

@@ -33,10 +33,12 @@ _PART_OF_LIMIT = 0.4
 # A hold begins with w_i up to this [1/s], which bear commands that act 6 ms late, and gets faster,
 # e times in this time [s], until it swings.
 _LATE_RATE, _RISE_OF_RATE = 60.0, 0.6
-# It swings where a joint that is faster than this [rad/s or m/s] turns so often, each peak at least
-# this part of the one before, within this time [s]; half of that w_i is the largest from then on.
-# No hold is slower than the last rate [1/s], however noisy speeds are.
-_REVERSALS, _SWING_SPEED, _SWING_PART, _SWING_TIME, _SLOWEST = 3, 0.02, 0.7, 0.5, 20.0
+# It swings where a joint that is faster than this [rad/s or m/s] turns so often, each peak between
+# these multiples of the one before, within this time [s]; half of that w_i is the largest from then
+# on.  What lets go makes a larger peak.  No hold is slower than the last rate [1/s], however noisy
+# speeds are.
+_REVERSALS, _SWING_SPEED, _SWING_PART, _SWING_GROWTH, _SWING_TIME = 3, 0.02, 0.7, 3.0, 0.5
+_SLOWEST = 20.0
 # What turns after fewer states is noise.
 _SWING_STATES = 3
 # The observer follows e at this part of w_i, and slower where a rotor of this inertia [kg m^2],
@@ -305,7 +307,9 @@ class _Swing:
         turned = dq * self._sign < 0
         turns = turned & (self._peak > _SWING_SPEED) & (self._states >= _SWING_STATES)
         self._states = np.where(turned, 1, self._states + 1)
-        goes_on = turns & (self._peak > _SWING_PART * self._last_peak) & (self._age < _SWING_TIME)
+        least, most = _SWING_PART * self._last_peak, _SWING_GROWTH * self._last_peak
+        is_regular = (least < self._peak) & (self._peak < most) & (self._age < _SWING_TIME)
+        goes_on = turns & is_regular
         self._count = np.where(turns, np.where(goes_on, self._count + 1, 1), self._count)
         self._last_peak = np.where(turns, self._peak, self._last_peak)
         self._age = np.where(turns, 0.0, self._age)

@@ -49,7 +49,7 @@ class ComplianceParameters(EffortParameters, scheme="compliance_control"):
         0.2, "the same for the moment", unit="rad", bounds=(1e-3, 100.0), live=True
     )
     max_stretch: float = parameter(
-        1.3,
+        1.25,
         "displacement beyond which an arm that is pushed on stops, in multiples of that at which "
         "the springs are clipped",
         bounds=(1.0, 1e4),
