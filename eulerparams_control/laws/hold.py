@@ -37,7 +37,7 @@ _LATE_RATE, _RISE_OF_RATE = 60.0, 0.6
 # these multiples of the one before, within this time [s]; half of that w_i is the largest from then
 # on.  What lets go makes a larger peak.  No hold is slower than the last rate [1/s], however noisy
 # speeds are.
-_REVERSALS, _SWING_SPEED, _SWING_PART, _SWING_GROWTH, _SWING_TIME = 3, 0.02, 0.7, 3.0, 0.5
+_REVERSALS, _SWING_SPEED, _SWING_PART, _SWING_GROWTH, _SWING_TIME = 3, 0.02, 0.7, 6.0, 0.16
 _SLOWEST = 20.0
 # What turns after fewer states is noise.
 _SWING_STATES = 3
