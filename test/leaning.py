@@ -114,6 +114,7 @@ class Leaning:
     Its commands act ``late`` ticks later.
 
     Attributes:
+        is_blind: whether its force/torque sensor is lost.
         path, speeds, joints, efforts: p_e (3,), the speed of the tip [m/s], |dq| (n,) and the
             command (n,) of each tick; None: there was none.
     """
@@ -128,7 +129,7 @@ class Leaning:
         self.scheme = given.make_scheme(robot)
         g = robot.dynamic_state(self.plant.q, 0 * self.plant.q).g
         self.controller = Controller(self.scheme, ControllerOptions.of(given), self.plant.q, g)
-        self._on_the_way = deque([g] * late)
+        self._on_the_way, self.is_blind = deque([g] * late), False
         self.tau, self.force = g, lambda p, v: np.zeros(3)
         self.forget()
 
@@ -155,8 +156,8 @@ class Leaning:
         self.joints.append(np.abs(plant.dq))
         self.k += 1
         if hasattr(self.scheme, "sense"):
-            f = self.force(p, v)
-            self.scheme.sense(SensedWrench(np.concatenate((R.T @ f, np.zeros(3))), AT_TIP))
+            f = np.concatenate((R.T @ self.force(p, v), np.zeros(3)))
+            self.scheme.sense(None if self.is_blind else SensedWrench(f, AT_TIP))
         t = self.now
         command = self.controller.step(round(1e9 * t), plant.q.copy(), plant.dq.copy(), t)
         self.efforts.append(None if command is None else command.effort)

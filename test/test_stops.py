@@ -164,6 +164,42 @@ def test_where_commands_act_late_or_slowly_the_hold_is_softer_and_does_not_swing
     assert leaning.gave_way < 1e-3
 
 
+def test_an_arm_that_is_leaned_on_again_and_again_stays_as_stiff_as_it_was():
+    leaning = Leaning("dynamic_control", "kuka_iiwa", rate=250)
+    leaning.run(0.1)
+    gave_way = np.array([halted_and_let_go(leaning, AXES[:3]) for _ in range(2)])
+    assert (gave_way[1] < 1.1 * gave_way[0]).all()
+
+
+def halted_and_let_go(leaning, axes):
+    """Return how far [m] a halted arm gives way along each axis."""
+    leaning.controller.halt()
+    leaning.run(0.5)
+    gave_way = []
+    for axis in axes:
+        hand = leaning.force = Hand(axis)
+        leaning.forget()
+        hand.grow(leaning, min(LEANS, 0.2 * most_that_joints_hold(leaning.plant, axis)))
+        gave_way.append(leaning.gave_way)
+        hand.most = 0.0
+        leaning.run(0.5)
+    return gave_way
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_an_arm_that_is_let_go_hardly_moves_where_its_sensor_is_lost_in_the_stop(arm):
+    for axis in AXES[:3]:
+        most = {"max_contact_force": PUSHES[arm] - 10.0}
+        leaning, hand, _ = leaned_on(arm, axis, "impedance_control", **most)
+        stopped_by_what_it_measures(leaning, hand, PUSHES[arm])
+        leaning.is_blind, hand.most = True, PUSHES[arm]
+        leaning.run(0.5)
+        assert leaning.gave_way < GIVES_WAY
+        hand.most = 0.0
+        leaning.run(0.3)
+        assert max(leaning.speeds) < SLOW_TIP
+
+
 @pytest.mark.parametrize("lost", [2, 5])
 def test_a_joint_without_an_effort_limit_is_held_as_the_others_are(lost):
     robot, home = robot_named("ur5")

@@ -541,6 +541,15 @@ def test_neither_a_reference_nor_a_resume_leads_out_of_a_runaway_or_a_defect():
         assert arm.why.cause is cause
 
 
+def test_what_pushes_an_arm_that_was_to_stop_knows_no_limit_of_its_motion():
+    arm = Driver(dynamic_control(velocity_scale=0.2))
+    arm.halt()
+    for speed, mode in ((0.4, Mode.STOPPED), (0.6, Mode.RELEASING)):
+        arm.run(0.6)
+        arm.step(dq=speed * V)
+        assert arm.mode is mode
+
+
 @pytest.mark.parametrize(
     ("v", "a", "omega"), [(10.0, 0.0, 0.0), (10.0, -200.0, 0.0), (0.0, 20.0, 0.0), (0.0, 0.0, 63.0)]
 )
