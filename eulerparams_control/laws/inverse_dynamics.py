@@ -153,8 +153,8 @@ class EffortControl(Scheme):
         self._home = q.copy()
         self._leave_the_law(self._home)
         if self._motion is not None:
-            limit, fastest = self.robot.limits.effort, self._motion.linear_speed
-            self.release_rate = release_rate(self.robot.dynamic_state(q, self._zero), limit, fastest)
+            state, limit = self.robot.dynamic_state(q, self._zero), self.robot.limits.effort
+            self.release_rate = release_rate(state, limit, self._motion.linear_speed)
 
     def _leave_the_law(self, q: Array) -> None:
         self._q = q
