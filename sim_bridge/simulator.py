@@ -44,8 +44,8 @@ class Simulator:
     """A robot with its drivers, its brakes and its force/torque sensor.
 
     It is braked until the first command, and holds a command until the next one.
-    Its dynamics are those of the URDF.  Rotors and friction are those of the parameters, else of the
-    robot, else none and that of the URDF.
+    Its dynamics are those of the URDF.  Rotors and friction are those of the parameters, else of
+    the robot, else none and that of the URDF.
     What it touches has no friction while it is braked.
 
     Args:

@@ -47,7 +47,7 @@ _STALL_TIMEOUT = 60.0  # [s] without progress of the simulation
 
 _TURN = math.radians(30)  # of the tip in one step of the inverse kinematics: it keeps its branch
 
-_IDEAL = dict.fromkeys(("rotor_inertia", "friction_viscous", "friction_coulomb"), [0.0])
+_IDEAL = {key: [0.0] for key in ("rotor_inertia", "friction_viscous", "friction_coulomb")}
 """Of the simulated joints, whatever the robot has."""
 
 _RATE = 250.0  # [Hz] in real time unless the experiment says otherwise: all share a machine
