@@ -179,6 +179,14 @@ class Request:
         """The parameters of a node whose time is that of /clock."""
         return [{"use_sim_time": True}] if self.asks("use_sim_time") else []
 
+    @property
+    def rotors(self) -> list[float]:
+        """The inertia [kg m^2] of the rotors of a simulated robot, as a data sheet has it."""
+        if self.robot is None:
+            return []
+        given = self.parameters.get(BRIDGE, {}).get("rotor_inertia")
+        return list(given or self.robot.rotor_inertia)
+
     def shared(self) -> dict[str, Any]:
         """Return what the watchdog has to know as its controller does.
 
@@ -228,6 +236,8 @@ def law(request: Request) -> Iterator[Action]:
     types = {"clik": request.position_type, "impedance_control": admits}
     for name, file in request.controllers.items():
         own = {**request.frames, "command_type": types.get(name, "joint_state")}
+        if name in EFFORTS and (rotors := request.rotors):
+            own["rotor_inertia"] = rotors
         yield request.node(name, own, FOLLOWS if file == "clik_admittance" else {})
 
 

@@ -75,13 +75,15 @@ class SimulatedParameters:
     )
     collide_links: bool = parameter(False, "let the links touch what is around them too")
     friction_viscous: tuple[float, ...] = parameter(
-        (), "one, or one a joint; empty: damping of the URDF", unit="Nm s/rad"
+        (), "one, or one a joint; empty: of the robot, else damping of the URDF", unit="Nm s/rad"
     )
     friction_coulomb: tuple[float, ...] = parameter(
-        (), "one, or one a joint; empty: friction of the URDF", unit="Nm"
+        (), "one, or one a joint; empty: of the robot, else friction of the URDF", unit="Nm"
     )
     rotor_inertia: tuple[float, ...] = parameter(
-        (), "of the motors, at the joints; one, or one a joint; empty: none", unit="kg m^2"
+        (),
+        "of the motors, at the joints; one, or one a joint; empty: of the robot, else none",
+        unit="kg m^2",
     )
     wrap_continuous: bool = parameter(
         False,

@@ -44,7 +44,8 @@ class Simulator:
     """A robot with its drivers, its brakes and its force/torque sensor.
 
     It is braked until the first command, and holds a command until the next one.
-    Its dynamics, and unless a parameter says otherwise its friction, are those of the URDF.
+    Its dynamics are those of the URDF.  Rotors and friction are those of the parameters, else of
+    the robot, else none and that of the URDF.
     What it touches has no friction while it is braked.
 
     Args:
@@ -82,12 +83,12 @@ class Simulator:
         )
         self._protection = Protection(robot.joints, self._limits, parameters.protective_speed)
         self._is_protected = parameters.enforce_limits and parameters.control == "torque"
-        self._friction = _friction(arm, parameters)
+        self._friction = _friction(robot, arm, parameters)
         self._has_friction = not self._friction.is_none
         zero = self._zero = np.zeros(n)
         self._disturbance = each_joint("disturbance_effort", parameters.disturbance_effort, zero)
         self._is_disturbed = bool(self._disturbance.any())
-        self._rotors = each_joint("rotor_inertia", parameters.rotor_inertia, zero)
+        self._rotors = _each_joint("rotor_inertia", robot, parameters, zero)
         self._has_rotors = bool(self._rotors.any())
         things = read_environment(parameters.environment)
         self._forces = [thing for thing in things.values() if isinstance(thing, Force)]
@@ -370,13 +371,23 @@ class Simulator:
         return vector
 
 
-def _friction(joints: list[ET.Element], parameters: SimulatorParameters) -> JointFriction:
+def _friction(
+    robot: RobotDescription, joints: list[ET.Element], parameters: SimulatorParameters
+) -> JointFriction:
     """Return the friction of the joints."""
     viscous, coulomb = np.array([joint_friction(joint) for joint in joints]).T
     return JointFriction(
-        each_joint("friction_viscous", parameters.friction_viscous, viscous),
-        each_joint("friction_coulomb", parameters.friction_coulomb, coulomb),
+        _each_joint("friction_viscous", robot, parameters, viscous),
+        _each_joint("friction_coulomb", robot, parameters, coulomb),
     )
+
+
+def _each_joint(
+    name: str, robot: RobotDescription, parameters: SimulatorParameters, stated: Array
+) -> Array:
+    """Return a value (n,) of the parameters, else of the robot's YAML, else as the URDF states."""
+    known = each_joint(name, getattr(robot, name), stated)
+    return each_joint(name, getattr(parameters, name), known)
 
 
 def _limits(joints: list[ET.Element], enforced: bool) -> JointLimits:

@@ -31,7 +31,6 @@ from eulerparams_control.motion.trajectories import way_points
 from eulerparams_control.parameters.compliance_control import ComplianceParameters
 from eulerparams_control.parameters.dynamic_control import DynamicParameters
 from eulerparams_control.robot.catalogue import load_robot
-from eulerparams_control.robot.robot import Robot
 from eulerparams_control.robot.urdf import COULOMB_SPEED
 
 DT = 1e-3  # [s]
@@ -490,6 +489,7 @@ def test_values_of_the_wrong_number_are_refused(make, others, name, values):
     ],
 )
 def test_a_robot_whose_efforts_cannot_be_known_is_refused(old, new, base_frame, text):
-    robot = Robot(re.sub(old, new, load_robot("ur5").urdf), base_frame, "tool0")
+    parameters = DynamicParameters(base_frame=base_frame, tip_frame="tool0", rotor_inertia=(0.1,))
+    robot = parameters.robot(re.sub(old, new, load_robot("ur5").urdf))  # rotors hide nothing
     with pytest.raises(RobotError, match=text) if text else nullcontext():
         DynamicParameters().make_scheme(robot)

@@ -155,6 +155,29 @@ def test_a_variant_may_say_otherwise_what_the_experiment_says_of_all(tmp_path):
     assert load_experiment(str(write(tmp_path, plain))).variants["home"].start_turn == (0, 0, 0)
 
 
+def test_controllers_know_the_rotors_of_a_robot_unless_its_joints_are_ideal(tmp_path):
+    keys = "rotor_inertia", "friction_viscous", "friction_coulomb"
+    variants = {
+        "real": {},
+        "ideal": {"ideal_joints": True},
+        "other": {"pybullet_bridge": {"rotor_inertia": [0.2]}},
+        "positions": {"controller": "clik"},
+        "admittance": {"controller": "admittance", "ideal_joints": True},
+    }
+    content = changed(controller="dynamic_control", variants=variants, nodes={"reference": T1})
+    found = load_experiment(str(write(tmp_path, content))).variants
+    nodes = {name: node_parameters(variant) for name, variant in found.items()}
+    bridges = {name: each["pybullet_bridge"] for name, each in nodes.items()}
+    assert not bridges["real"].keys() & {*keys}
+    assert nodes["real"]["dynamic_control"]["rotor_inertia"] == ROTORS["rotor_inertia"]
+    for name in ("ideal", "admittance"):
+        assert [bridges[name][key] for key in keys] == [[0.0]] * 3
+    assert nodes["ideal"]["dynamic_control"]["rotor_inertia"] == [0.0]
+    assert nodes["other"]["dynamic_control"]["rotor_inertia"] == [0.2]
+    assert "rotor_inertia" not in nodes["positions"]["clik"]
+    assert nodes["admittance"]["impedance_control"]["rotor_inertia"] == [0.0]
+
+
 def test_a_variant_changes_of_groups_only_what_it_names(tmp_path):
     plane = {"shape": "plane", "position": [0.0, 0.0, 0.1], "stiffness": 1e3}
     both = {"plane": plane, "wall": {"shape": "spring", "stiffness": [0.0, 0.0, 2e4]}}
@@ -184,8 +207,9 @@ ONE_NODE = {"use_sim_time": True, "require_reference": True, "wait_for_subscribe
 WIDE = yaml.safe_load((ROOT / "config" / "clik_admittance.yaml").read_text())
 WIDE = WIDE["/**"]["ros__parameters"]
 PAIRED = {"wrench_pairing": "stamp"}
+ROTORS = {"rotor_inertia": list(load_robot("ur5").rotor_inertia)}
 ADMITTANCE = {
-    "impedance_control": {**PAIRED, "command_type": "none"},
+    "impedance_control": {**PAIRED, **ROTORS, "command_type": "none"},
     "clik": {"reference_pairing": "stamp", **WIDE},
 }
 
@@ -194,9 +218,9 @@ ADMITTANCE = {
     ("controller", "control", "answers", "own"),
     [
         ("clik", "position", ["joint_reference"], {"clik": {}}),
-        ("dynamic_control", "torque", ["joint_effort"], {"dynamic_control": {}}),
+        ("dynamic_control", "torque", ["joint_effort"], {"dynamic_control": ROTORS}),
         ("impedance_control", "torque", ["compliant_frame", "joint_effort"],
-         {"impedance_control": PAIRED}),
+         {"impedance_control": PAIRED | ROTORS}),
         ("admittance", "position", ["compliant_frame", "joint_reference"], ADMITTANCE),
     ],
 )  # fmt: skip

@@ -22,6 +22,7 @@ from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.parameters.fields import from_mapping
 from eulerparams_control.parameters.schemes import COMMANDS
 from eulerparams_control.resources import config_names
+from eulerparams_control.robot.catalogue import load_robot
 from eulerparams_control.ros.arm_launch import load_arm, parameter_files
 from eulerparams_control.ros.rviz import FEEDBACK, UPDATE
 
@@ -198,6 +199,22 @@ def test_a_simulated_robot_brings_its_frames_and_what_is_given_counts_last(launc
     assert dict(bridge.remappings)["joint_effort"] == "driver_effort"
     with pytest.raises(UnknownNameError, match="did you mean 'watchdog'"):
         launched("bringup", parameters="{watchdogs: {}}")
+
+
+@pytest.mark.parametrize("controller", TAKES["any"])
+def test_a_controller_of_efforts_knows_the_rotors_of_a_simulated_robot(launched, controller):
+    """No driver says them of a real one."""
+    knows, known = "rotor_inertia", load_robot("panda").rotor_inertia
+    takes_efforts = controller in ("compliance_control", "dynamic_control", "impedance_control")
+    cases = ("", known), ("{pybullet_bridge: {rotor_inertia: [0.0]}}", (0.0,))
+    for text, expected in cases:
+        nodes = by_name(launched("bringup", robot="panda", controller=controller, parameters=text))
+        found = {name: values(node).get(knows) for name, node in nodes.items()}
+        assert not takes_efforts or found[controller] == expected
+        assert found.get("clik") is None
+    if takes_efforts:
+        real = by_name(launched("any", controller=controller))
+        assert values(real[controller])[knows] == ()
 
 
 SENSOR = "/franka_robot_state_broadcaster/external_wrench_in_stiffness_frame"

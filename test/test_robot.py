@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -432,6 +433,10 @@ def test_a_path_takes_root_longest_chain_and_a_home_within_limits_or_an_entry(en
     assert load_robot(str(tmp_path / "two.yaml")) == listed  # by its path, wherever it is
     assert listed.urdf_path == tmp_path / "two.urdf"  # beside it
     assert (listed.joints, listed.home) == (("swing", "slide"), (0.75, 0.5))
+    joints = {"rotor_inertia": 0.1, "friction_viscous": [1, 2.0], "friction_coulomb": [0.0, 0.3]}
+    (tmp_path / "two.yaml").write_text(yaml.safe_dump(entry | joints))
+    known = replace(listed, rotor_inertia=(0.1, 0.1), friction_viscous=(1.0, 2.0))
+    assert load_robot("two") == replace(known, friction_coulomb=(0.0, 0.3))
     robot = load_urdf(TWO_LINKS, tmp_path)
     assert robot == RobotDescription(
         name="my",
@@ -466,6 +471,10 @@ def test_a_urdf_that_cannot_be_read_is_refused_with_its_path(name, content, word
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
+        ({"rotor_inertia": [0.1]}, "rotor_inertia is [0.1]; expected one number, or 2, 0 or more"),
+        ({"rotor_inertia": [0.1, "2"]}, "rotor_inertia is [0.1, '2']; expected one number, or 2"),
+        ({"friction_viscous": -1.0}, "friction_viscous is -1.0; expected one number, or 2, 0 or"),
+        ({"friction_coulomb": float("inf")}, "friction_coulomb is inf; expected one number, or 2"),
         ({"base_frame": "bse"}, "unknown frame 'bse' (did you mean 'base'?)"),
         ({"tip_frame": "base"}, "unknown joint 'swing'; known: none"),
         ({"sensor_frame": "hand"}, "unknown frame 'hand'"),

@@ -122,9 +122,17 @@ ODD = RobotDescription(
 )
 
 
+OF_JOINTS = "rotor_inertia", "friction_viscous", "friction_coulomb"
+
+
 @cache
 def robot(name: str) -> RobotDescription:
-    return ODD if name == "odd" else load_robot(name)
+    """Return a robot whose joints are those of its URDF."""
+    return (
+        ODD
+        if name == "odd"
+        else dataclasses.replace(load_robot(name), **dict.fromkeys(OF_JOINTS, ()))
+    )
 
 
 @cache
@@ -267,6 +275,28 @@ def test_a_step_obeys_the_inverse_dynamics_of_pinocchio_with_all_that_acts(name,
         fastest = max(fastest, np.abs(after.dq).max())
     assert (after.step, after.t) == (20, pytest.approx(20 / rate))
     assert fastest > 0.1  # rad/s: it did move, well above COULOMB_SPEED
+
+
+def moved(arm: RobotDescription, **parameters: Any) -> Any:
+    """Return where a robot is after some steps under efforts."""
+    sim = Simulator(arm, SimulatorParameters(control="torque", **parameters))
+    try:
+        for _ in range(20):
+            sim.command_effort(np.full(len(arm.joints), 5.0))
+            sim.step()
+        return sim.read().q
+    finally:
+        sim.close()
+
+
+@pytest.mark.parametrize("key", OF_JOINTS)
+def test_what_a_robot_states_of_its_joints_counts_before_the_urdf_and_after_the_parameters(key):
+    stated, other = (0.2, 0.3, 0.4), (0.5, 0.6, 0.7)
+    arm = dataclasses.replace(ODD, **{key: stated})
+    assert (moved(arm) != moved(ODD)).any()
+    assert moved(arm).tolist() == moved(ODD, **{key: stated}).tolist()
+    for value in (other, (0.0,)):
+        assert moved(arm, **{key: value}).tolist() == moved(ODD, **{key: value}).tolist()
 
 
 # --- what of a URDF is not the arm, or is said in other words ------------------------------

@@ -285,7 +285,7 @@ def test_a_driver_without_velocities_reports_none_and_the_robot_knows_them(bench
 
 def test_a_servo_reports_the_effort_that_its_rotors_take():
     found = []
-    for rotors in ((), ROTORS):
+    for rotors in ((0.0,), ROTORS):
         sim = Simulator(UR5, SimulatorParameters(rotor_inertia=rotors))
         for t in DT * np.arange(1, 50):
             sim.command_position(HOME + t**2, np.full(6, 2.0 * t))

@@ -374,7 +374,7 @@ def refuse_model(robot: Robot) -> None:
             f"{robot.base_frame}: the direction of gravity is not known"
         )
     zero = np.zeros(robot.n)
-    B = robot.dynamic_state(zero, zero).B
+    B = robot.dynamic_state(zero, zero).B - np.diag(robot.model.armature)
     if not np.linalg.eigvalsh(B)[0] > _LEAST_INERTIA:
         raise RobotError(
             "the joint inertia is not positive definite: the URDF lacks <inertial> of some links "

@@ -17,6 +17,7 @@ from eulerparams_control.command_line import whole_number
 from eulerparams_control.errors import ConfigurationError, SimulationError
 from eulerparams_control.lab.run.processes import Nodes
 from eulerparams_control.live.page import LOCAL
+from eulerparams_control.parameters.fields import fields_of
 from eulerparams_control.parameters.schemes import SchemeInfo, schemes
 from eulerparams_control.resources import config_folder, config_names
 from eulerparams_control.robot.catalogue import RobotDescription, load_robot
@@ -108,6 +109,8 @@ def _start(
     own = {"robot": robot.name, "control": scheme.control, **_EASY, **_PUSH}
     own |= _FRICTIONLESS | _ENCODERS
     law = {"base_frame": robot.base_frame, "tip_frame": robot.tip_frame, **_PATIENT}
+    if "rotor_inertia" in fields_of(scheme.parameters) and robot.rotor_inertia:
+        law["rotor_inertia"] = list(robot.rotor_inertia)
     namespace = node.get_namespace()
     for name, given in ((_BRIDGE, own), (scheme.name, law)):
         file = yaml.safe_load((config_folder() / f"{name}.yaml").read_text(encoding="utf-8"))

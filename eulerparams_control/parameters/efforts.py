@@ -46,6 +46,12 @@ class EffortParameters(ControlParameters):
     friction_coulomb: tuple[float, ...] = parameter(
         (), "one, or one a joint; empty: of the URDF", unit="Nm", bounds=(0.0, 1e4)
     )
+    rotor_inertia: tuple[float, ...] = parameter(
+        (),
+        "of the motors, at the joints, which no URDF has; one, or one a joint; empty: none",
+        unit="kg m^2",
+        bounds=(0.0, 1e4),
+    )
     gravity: tuple[float, ...] = parameter((0.0, 0.0, -9.81), "in the root link", unit="m/s^2")
     tool_mass: float = parameter(0.0, "that the URDF lacks", unit="kg", bounds=(0.0, 1000.0))
     tool_com: tuple[float, ...] = parameter(
@@ -64,14 +70,18 @@ class EffortParameters(ControlParameters):
     )
 
     def robot(self, urdf: str) -> Robot:
-        """Return the robot of a URDF with its tool.
+        """Return the robot of a URDF with its tool and its rotors.
 
         Raises:
-            ConfigurationError: if the numbers of the tool or of gravity are impossible.
+            ConfigurationError: if the numbers of tool, gravity or rotors are impossible.
             RobotError: if the URDF lacks a frame or a joint.
         """
         require_size("gravity", self.gravity, 3)
-        return Robot(urdf, self.base_frame, self.tip_frame, self.joints, self.gravity, self.tool())
+        frames = self.base_frame, self.tip_frame
+        robot = Robot(urdf, *frames, self.joints, self.gravity, self.tool())
+        if self.rotor_inertia:  # Pinocchio adds it to the diagonal of B, and to nothing else
+            robot.model.armature = each_joint("rotor_inertia", self.rotor_inertia, robot)
+        return robot
 
     def refuse_start(self, robot: Robot, q: Array, effort: Array | None) -> None:
         """Raise ModelError if the model contradicts an arm at rest, see :func:`refuse_mismatch`."""

@@ -4,6 +4,7 @@
 URDF works without one: the frames then are the root link and the last link of the longest chain.
 """
 
+import math
 import os
 import sys
 from collections.abc import Mapping
@@ -17,7 +18,11 @@ from eulerparams_control.errors import ConfigurationError, RobotError, UnknownNa
 from eulerparams_control.resources import config_file
 from eulerparams_control.robot.urdf import UrdfTree, joint_limits, read_urdf, refuse_motionless
 
-_KEYS = ("description", "urdf", "base_frame", "tip_frame", "sensor_frame", "joints", "home")
+_OF_JOINTS = ("rotor_inertia", "friction_viscous", "friction_coulomb")
+_KEYS = (
+    *("description", "urdf", "base_frame", "tip_frame", "sensor_frame", "joints", "home"),
+    *_OF_JOINTS,
+)
 
 
 @dataclass(frozen=True)
@@ -31,6 +36,8 @@ class RobotDescription:
         tip_frame: the link that is controlled.
         sensor_frame: the link in which, and about whose origin, the wrench is measured.
         joints, home: the n active joints, base to tip, and their start values [rad or m].
+        rotor_inertia: (n,) [kg m^2] of the motors, at the joints; () if none is known.
+        friction_viscous, friction_coulomb: (n,) [Nm s/rad], [Nm]; () is that of the URDF.
     """
 
     name: str
@@ -41,6 +48,9 @@ class RobotDescription:
     sensor_frame: str
     joints: tuple[str, ...]
     home: tuple[float, ...]
+    rotor_inertia: tuple[float, ...] = ()
+    friction_viscous: tuple[float, ...] = ()
+    friction_coulomb: tuple[float, ...] = ()
 
 
 def load_robot(name_or_path: str) -> RobotDescription:
@@ -117,6 +127,7 @@ def _describe(name: str, path: Path, entry: Mapping[str, Any]) -> RobotDescripti
             sensor_frame=tree.link(str(entry.get("sensor_frame", tip)), "sensor_frame"),
             joints=joints,
             home=_home(tree, joints, entry.get("home")),
+            **{key: _of_joints(key, entry[key], joints) for key in _OF_JOINTS if key in entry},
         )
     except OSError as error:
         raise RobotError(f"robot '{name}': the URDF cannot be read: {error}") from error
@@ -147,3 +158,12 @@ def _home(tree: UrdfTree, joints: tuple[str, ...], home: Any) -> tuple[float, ..
         if not isinstance(value, int | float) or not lower <= value <= upper:
             raise RobotError(f"home of joint '{joint}', {value}, is outside {lower} ... {upper}")
     return tuple(map(float, home))
+
+
+def _of_joints(key: str, given: Any, joints: tuple[str, ...]) -> tuple[float, ...]:
+    """Return one number for each joint, where one, or one for all, is given."""
+    values = given if isinstance(given, list) else [given] * len(joints)
+    numbers = [value for value in values if isinstance(value, int | float) and value >= 0.0]
+    if not len(values) == len(numbers) == len(joints) or not all(map(math.isfinite, numbers)):
+        raise RobotError(f"{key} is {given}; expected one number, or {len(joints)}, 0 or more")
+    return tuple(map(float, numbers))

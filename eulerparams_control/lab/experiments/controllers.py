@@ -52,10 +52,10 @@ class NodeSetup:
 
     def parameters(self, is_turned: bool = False, is_lockstep: bool = True) -> dict[str, Any]:
         """Return what it needs in lock-step, and where the start is turned off the reference."""
-        needed = {**_LOCK_STEP, **self._known(_PAIRED), **self.own} if is_lockstep else {}
-        return needed | (self._known(_TURNED) if is_turned else {})
+        needed = {**_LOCK_STEP, **self.known(_PAIRED), **self.own} if is_lockstep else {}
+        return needed | (self.known(_TURNED) if is_turned else {})
 
-    def _known(self, values: Mapping[str, Any]) -> dict[str, Any]:
+    def known(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return those values of which the node has a parameter."""
         known = fields_of(schemes()[self.name].parameters)
         return {name: value for name, value in values.items() if name in known}

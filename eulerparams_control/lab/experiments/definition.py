@@ -11,6 +11,7 @@
     may_diverge: false            # whether a run may end early, non-finite
     faults: []                    # what goes wrong, and when: see ``faulty``
     real_time: false              # whether it is in real time without faults, too
+    ideal_joints: false           # true: the simulated joints have neither rotors nor friction
     nodes:                        # parameters of each node, by executable
       clik: {k_Po: 100.0}
     variants:                     # what each run changes: of the nodes, or of the keys above
@@ -151,7 +152,7 @@ def _check_run(where: str, run: dict[str, Any]) -> None:
     require(positive, f"{where}: duration must be > 0 and finite")
     known("controller", run.get("controller", Variant.controller), CONTROLLERS)
     require(isinstance(run.get("robot", ""), str), f"{where}: robot: expected a name or a path")
-    for key in ("start_at_reference", "may_diverge", "real_time"):
+    for key in ("start_at_reference", "may_diverge", "real_time", "ideal_joints"):
         require(isinstance(run.get(key, False), bool), f"{where}: {key}: expected true or false")
     seed = run.get("fault_seed", 0)
     is_seed = isinstance(seed, int) and not isinstance(seed, bool) and 0 <= seed < 2**31

@@ -74,6 +74,7 @@ class Variant:
         faults: that happen in it; with some it is in real time.
         fault_seed: of what is random in them.
         real_time: whether it is in real time without faults, too, else in lock-step.
+        ideal_joints: whether the simulated joints have neither rotors nor friction.
     """
 
     nodes: Parameters
@@ -86,6 +87,7 @@ class Variant:
     faults: tuple[Fault, ...] = ()
     fault_seed: int = 0
     real_time: bool = False
+    ideal_joints: bool = False
 
     @property
     def is_in_real_time(self) -> bool:

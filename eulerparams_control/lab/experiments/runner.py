@@ -47,6 +47,9 @@ _STALL_TIMEOUT = 60.0  # [s] without progress of the simulation
 
 _TURN = math.radians(30)  # of the tip in one step of the inverse kinematics: it keeps its branch
 
+_IDEAL = {key: [0.0] for key in ("rotor_inertia", "friction_viscous", "friction_coulomb")}
+"""Of the simulated joints, whatever the robot has."""
+
 _RATE = 250.0  # [Hz] in real time unless the experiment says otherwise: all share a machine
 
 
@@ -222,11 +225,17 @@ def node_parameters(settings: Variant) -> Parameters:
         parameters[BRIDGE] |= {"wait_for_subscribers": len(controller.nodes) + 2}
     else:  # until it is stopped
         parameters[BRIDGE] |= {"mode": "realtime", "rate": _RATE}
+    if settings.ideal_joints:
+        parameters[BRIDGE] |= _IDEAL
     if settings.faults:
         parameters[INJECTOR] = injector_parameters(settings)
     parameters = {
         node: values | settings.nodes.get(node, {}) for node, values in parameters.items()
     }
+    if rotors := list(parameters[BRIDGE].get("rotor_inertia") or robot.rotor_inertia):
+        for node in controller.nodes:  # a data sheet has them
+            known = node.known({"rotor_inertia": rotors})
+            parameters[node.executable] = known | parameters[node.executable]
     if is_lockstep and (topics := streamed(parameters)):  # each state waits for what belongs to it
         parameters["reference"]["stream_rate"] = 0.0
         parameters[controller.nodes[0].executable]["paired_targets"] = topics
