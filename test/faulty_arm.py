@@ -12,6 +12,7 @@ from builtin_interfaces.msg import Time
 from sensor_msgs.msg import JointState
 from yardstick import Array, Product, Tick, arm_named, smooth, turn
 
+from eulerparams_control.control.mode import Cause
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.messages.from_ros import JointStateReader
 from eulerparams_control.ros.senders import UNNUMBERED
@@ -28,6 +29,11 @@ PROTECTIVE = 1.5  # a joint this many times as fast as its limit makes the robot
 AT_REST = 0.01  # [rad/s]
 BRAKING = 150.0  # [1/s] with which first efforts may brake the motion that they find
 AT_ONCE = 1e-9  # [s] of rounding
+SAME = 1e-9  # relative difference of two joints that are cut each for itself
+FASTEST_HAND = 1.0  # [m/s] at which a hand that follows the tip exerts nothing any more
+# What textbook joints lack, and what they are.
+REAL = {"friction_viscous": (1.0,), "friction_coulomb": (0.5,), "rotor_inertia": (0.1,)}
+IDEAL = dict.fromkeys(REAL, (0.0,))
 
 
 class Fault(NamedTuple):
@@ -51,6 +57,39 @@ class Row(NamedTuple):
     dq: Array
     is_refused: bool
     command: Array | None
+
+
+class Moment(NamedTuple):
+    """The arm itself, what its controller does, and what touches it."""
+
+    t: float
+    q: Array
+    dq: Array
+    life: int
+    is_stopped: bool
+    is_held: bool  # where it stopped
+    cause: str
+    touched: float  # [N]
+
+
+class Touch(NamedTuple):
+    """What touches the tip: a wrench (6,) [N, Nm], axes of the world; a hand follows the tip."""
+
+    wrench: Array
+    is_hand: bool
+
+    def at(self, dp_e):
+        """Return the wrench (6,) on a tip at dp_e (3,) [m/s]."""
+        along = dp_e @ self.wrench[:3] / max(np.linalg.norm(self.wrench[:3]), AT_ONCE)
+        return self.wrench * max(0.0, 1.0 - self.is_hand * along / FASTEST_HAND)
+
+
+class Order(NamedTuple):
+    """An order that was given to a controller at a time [s]."""
+
+    t: float
+    name: str
+    is_obeyed: bool
 
 
 class Channel:
@@ -109,19 +148,23 @@ class FaultyArm:
         faults: of ``states`` and ``commands``.
         random: of what they do.
         fastest: (n,) [rad/s] of the joints.
+        joints: of the simulator: their friction and rotors.
 
     Attributes:
-        rows, truth, orders: all answers; t, q, dq of the arm itself; times and names of the orders
-            that were obeyed.
+        rows, truth, asked: all answers, moments and orders.
+        touching: what touches the tip, by names; ``hardest`` (6,) of each component so far.
         may_start: whether a controller is started where there is none.
     """
 
-    def __init__(self, law, arm, values, rate, faults, random, fastest):
+    def __init__(self, law, arm, values, rate, faults, random, fastest, joints):
         self.law, self.arm, self.values, self.rate = law, arm_named(arm), values, rate
         self.is_position, self.steps = law == "clik", max(1, round(STEP_RATE / rate))
         control, about = "position" if self.is_position else "torque", self.arm.about
         given = SimulatorParameters(
-            rate=float(self.steps * rate), control=control, protective_speed=PROTECTIVE
+            rate=float(self.steps * rate),
+            control=control,
+            protective_speed=PROTECTIVE,
+            **joints,
         )
         self.simulator = Simulator(about, given)
         self.drive = Drive(self.simulator, DrivePolicy(TIMEOUT - 0.5 / rate))
@@ -130,7 +173,8 @@ class FaultyArm:
             Channel([f for f in faults if f.topic == topic], random, fastest)
             for topic in ("states", "commands")
         )
-        self.rows, self.truth, self.orders = [], [], []
+        self.rows, self.truth, self.asked = [], [], []
+        self.touching, self.hardest = {}, np.zeros(6)
         self.product, self.life, self.k, self.may_start = None, 0, 0, True
 
     @property
@@ -138,17 +182,66 @@ class FaultyArm:
         """The time [s]."""
         return self.k / self.rate
 
+    @property
+    def is_stopped(self):
+        """Whether there is a controller that keeps the arm stopped."""
+        return self.product is not None and self.product.controller.state.is_halted
+
     def tick(self):
         """Measure, command, move on."""
-        self.truth.append((self.t, *self.simulator.motion))
+        is_stopped, cause, is_held = self.is_stopped, Cause.NONE, False
+        if is_stopped:
+            controller = self.product.controller
+            cause, is_held = controller.why.cause, not controller.guidance.is_braking
+        touched = np.linalg.norm(sum(touch.wrench[:3] for touch in self.touching.values()))
+        life = self.life if self.product else 0
+        about = life, is_stopped, is_held, cause, float(touched)
+        self.truth.append(Moment(self.t, *self.simulator.motion, *about))
         state = self.drive.state
         measured = self.t, EPOCH + round(1e9 * self.t), state.q, state.dq, state.wrench
         for found in self.states.arrive(self.t, measured):
             self._control(*found)
         self._obey()
         for _ in range(self.steps):
+            self._touch()
             self.drive.step(self.t)
         self.k += 1
+
+    def touch(self, name, wrench=None, *, is_hand=False):
+        """Let a wrench (6,) act on the tip from now on, axes of the world; None ends it."""
+        self.touching.pop(name, None)
+        if wrench is None:
+            self.drive.push(None)
+        else:
+            self.touching[name] = Touch(wrench, is_hand)
+            self.hardest = np.maximum(self.hardest, np.abs(wrench))
+
+    def _touch(self):
+        if self.touching:
+            q, dq = self.simulator.motion
+            J, R = self._tip(q)
+            wrench = sum(touch.at(J[:3] @ dq) for touch in self.touching.values())
+            self.drive.push(np.concatenate((R.T @ wrench[:3], R.T @ wrench[3:])))
+
+    def bears(self, wrench, part):
+        """Return how much of a wrench (6,) on the tip, all at most, this part of efforts bears.
+
+        It comes on top of the weight and of what touches the tip already.
+        """
+        model, (q, _) = self.arm.model, self.simulator.motion
+        J, _ = self._tip(q)
+        acting = sum((touch.wrench for touch in self.touching.values()), np.zeros(6))
+        needed = pin.rnea(model, model.createData(), q, 0 * q, 0 * q) - J.T @ acting
+        more = -J.T @ wrench
+        room = part * model.effortLimit - np.sign(more) * needed
+        return float(np.clip((room / np.maximum(np.abs(more), AT_ONCE)).min(), 0.0, 1.0))
+
+    def _tip(self, q):
+        """Return J (6, n) and R_e (3, 3) of the tip, which is the sensor too, from the world."""
+        model, frame = self.arm.model, pin.LOCAL_WORLD_ALIGNED
+        data, tip = model.createData(), model.getFrameId(self.arm.about.tip_frame)
+        J = pin.computeFrameJacobian(model, data, q, tip, frame)
+        return J, pin.updateFramePlacement(model, data, tip).rotation
 
     def _message(self, stamp, **numbers):
         values = {name: row.tolist() for name, row in numbers.items()}
@@ -187,9 +280,12 @@ class FaultyArm:
         if self.product is None:
             return False
         self.product.at(self.t)
-        is_obeyed = self.product.order(name, *given)
-        self.orders += [(self.t, name)] * is_obeyed
-        return is_obeyed
+        self.asked.append(Order(self.t, name, self.product.order(name, *given)))
+        return self.asked[-1].is_obeyed
+
+    def times_of(self, *names):
+        """Return when [s] these orders were obeyed."""
+        return [order.t for order in self.asked if order.is_obeyed and order.name in names]
 
     @property
     def answers(self):
@@ -221,6 +317,19 @@ class FaultyArm:
                 if text and row.t > late + TIMEOUT:
                     yield row.t, text
 
+    def cut_apart(self, row, steps, efforts):
+        """Yield where efforts were cut joint by joint: two joints are at their bounds at once.
+
+        Args:
+            row: with the efforts.
+            steps: (n,) [s] in which they may change as they did.
+            efforts: (n,) parts of their limits.
+        """
+        for least, parts in ((0.1 / self.rate, steps), (1.0 - SAME, efforts)):
+            second, first = np.sort(parts)[-2:]
+            if second > least and first - second < SAME * first:
+                yield row.t, f"the efforts {row.command} are cut joint by joint"
+
     def is_at(self, goal, way, angle):
         """Return whether the tip is within a way [m] and an angle [rad] of a pose."""
         p, R = self.arm.pose(self.simulator.motion[0])
@@ -230,8 +339,7 @@ class FaultyArm:
     def beside_weight(self, row, push):
         """Return how far [Nm] efforts are from the weight, and what brakes and balances a push."""
         model, q, dq = self.arm.model, row.q, row.dq
-        data, tip = model.createData(), model.getFrameId(self.arm.about.tip_frame)
-        J = pin.computeFrameJacobian(model, data, q, tip, pin.LOCAL_WORLD_ALIGNED)
+        data, (J, _) = model.createData(), self._tip(q)
         weight, B = pin.rnea(model, data, q, dq, 0 * q), np.abs(pin.crba(model, data, q))
         allowed = 1.0 + B @ np.abs(BRAKING * dq) + np.abs(J.T) @ push
         return np.abs(row.command - weight), allowed
