@@ -28,6 +28,11 @@ STEP_RATE = 1000  # [Hz] of the simulation at least
 PROTECTIVE = 1.5  # a joint this many times as fast as its limit makes the robot stop by itself
 AT_REST = 0.01  # [rad/s]
 BRAKING = 150.0  # [1/s] with which first efforts may brake the motion that they find
+# A hand leans with this part of what the joints can exert, another presses with what they bear with
+# the second part of their efforts; [s] after which it leans on an arm that was halted, in which it
+# comes to its force, and for which it has gone before somebody resumes.
+FIFTH, BEARABLE, REACHES, GROWS, GONE = 0.2, 0.8, 0.5, 0.2, 0.3
+LEADS = ("follow", "stream", "aim", "jog")  # orders that move the arm
 AT_ONCE = 1e-9  # [s] of rounding
 SAME = 1e-9  # relative difference of two joints that are cut each for itself
 FASTEST_HAND = 1.0  # [m/s] at which a hand that follows the tip exerts nothing any more
@@ -175,6 +180,7 @@ class FaultyArm:
         )
         self.rows, self.truth, self.asked = [], [], []
         self.touching, self.hardest = {}, np.zeros(6)
+        self._parts, self._stopped = {}, {}
         self.product, self.life, self.k, self.may_start = None, 0, 0, True
 
     @property
@@ -206,6 +212,27 @@ class FaultyArm:
             self._touch()
             self.drive.step(self.t)
         self.k += 1
+
+    def press(self, fault, wrench):
+        """Let a wrench act as a fault says, as far as the joints bear it.
+
+        A hand leans on a halted arm; one that shoves it presses ever more until the arm is stopped.
+        """
+        t, kind, is_lean = self.t, fault.kind, fault.kind == "lean"
+        is_hand = kind in ("lean", "shove")
+        if kind == "shove" and self.is_stopped:
+            self._stopped.setdefault(fault, t)
+        stopped = self._stopped.get(fault, math.inf)
+        begin, end = fault.at + REACHES * is_lean, fault.end - GONE * is_lean
+        if not begin <= t < min(end, stopped + fault.size):
+            if kind in self.touching:
+                self.touch(kind)
+            return
+        if fault not in self._parts:
+            whole = self.bears(wrench / FIFTH, 1.0) if is_lean else self.bears(wrench, BEARABLE)
+            self._parts[fault] = whole
+        grown = min(1.0, (min(t, stopped) - begin) / GROWS) if is_hand else 1.0
+        self.touch(kind, grown * self._parts[fault] * wrench, is_hand=is_hand)
 
     def touch(self, name, wrench=None, *, is_hand=False):
         """Let a wrench (6,) act on the tip from now on, axes of the world; None ends it."""
@@ -316,6 +343,60 @@ class FaultyArm:
                 text = robot.judge(row.command[:n], row.command[n:], row.stamp, row.t, row.q)
                 if text and row.t > late + TIMEOUT:
                     yield row.t, text
+
+    def led_on(self, pause):
+        """Yield where a stopped arm is led on otherwise than by a resume, or after a pause [s].
+
+        What led it and was refused has to pause after a resume, too.  After a halt, and after the
+        arm ran away, there has to be one.
+        """
+        before, begun, asked, needs_resume = None, -math.inf, -math.inf, False
+        orders = deque(self.asked)
+        for now in self.truth:
+            is_new, is_left = before is None or now.life != before.life, False
+            was_stopped = not is_new and before.is_stopped
+            if is_new:
+                asked, needs_resume = -math.inf, False
+            while orders and orders[0].t <= now.t:
+                t, name, is_obeyed = orders.popleft()
+                if name in LEADS and is_obeyed:
+                    if needs_resume or t - asked < pause:
+                        yield t, f"{name} leads an arm on that is stopped since {begun:.3f} s"
+                    is_left, asked = True, -math.inf
+                elif name in LEADS and was_stopped:
+                    asked = t
+                elif name == "halt" and is_obeyed:
+                    needs_resume = True
+                elif name == "resume" and is_obeyed and was_stopped:
+                    is_left, needs_resume = True, False
+                    asked = -math.inf if asked == begun else asked
+            if now.is_stopped and (is_left or not was_stopped):
+                asked = begun = now.t
+            elif was_stopped and not (now.is_stopped or is_left):
+                yield now.t, "the arm is stopped no more, and nobody asked for that"
+            needs_resume = needs_resume or now.cause == Cause.RUNAWAY
+            before = now
+
+    def gives_way(self, most, contact, blind):
+        """Yield where a stop gives way by more than ``most`` [m].
+
+        It begins where the arm is at rest, or a force of ``contact`` [N] touches it; not within the
+        spans [s] in which states or commands are wrong.
+        """
+        start = None
+        for now in self.truth:
+            if not now.is_held or any(a <= now.t < b for a, b in blind):
+                start = None
+                continue
+            p = self.arm.pose(now.q)[0]
+            if start is None and (np.abs(now.dq).max() < AT_REST or now.touched > contact):
+                start = now.t, p
+            if start is None:
+                continue
+            way = np.linalg.norm(p - start[1])
+            if way > most:
+                yield now.t, f"a stop gives way by {way:.4f} m since {start[0]:.3f} s"
+                return
 
     def cut_apart(self, row, steps, efforts):
         """Yield where efforts were cut joint by joint: two joints are at their bounds at once.

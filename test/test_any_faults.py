@@ -9,14 +9,11 @@ commands, as a robot sees them, and the arm, by Pinocchio and the numbers that w
 import itertools
 import math
 import sys
-from collections import deque
 
 import numpy as np
 import pytest
 from faulty_arm import AT_REST, IDEAL, REAL, TIMEOUT, Fault, FaultyArm, along
 from yardstick import LAWS, REPRESENTATIONS, SEED, arm_named, turn
-
-from eulerparams_control.control.mode import Cause
 
 SEEDS, FEW, AT_ONCE = 300, 20, 20
 ARMS = ("ur5", "panda", "kuka_iiwa")
@@ -29,21 +26,17 @@ SIZES = {"drop": (0.3, 3.0), "delay": (0.005, 0.3), "noise": (1e-4, 0.01), "fast
          "jump": (0.01, 10.0), "shove": (0.001, 0.5)}  # fmt: skip
 FORCES, LONGER_BY = ("push", "lean", "shove", "load"), 1.5  # [s] what people do lasts longer
 HARMLESS = ("halt", "leap", "repeat")  # what shakes neither the arm nor its states, nor its law
-LEADS = ("follow", "stream", "aim", "jog")
 LEADERS = ("way points", "way points", "set-points", "poses", "goals", "twists")
 RATES, EFFORT_RATES = (20, 50, 125, 250, 500, 1000), (125, 250, 250, 500, 1000)  # [Hz]
 BEGIN, FIRST, LAST = 0.3, 0.4, 1.6  # [s] of the motion, and of the beginnings of faults
 PAUSE, MOTION, REST, LONGER = 0.7, 1.2, 0.6, 3.0  # [s] about the last motion; more if it is slow
 LEG, NEAR, TURN = 0.8, 0.05, 0.25  # [s], [m], [rad] of the way points
 PUSH = np.array([15.0] * 3 + [1.5] * 3)  # [N, Nm]
-# Forces [N], and which part of their efforts joints need at most to bear them; [s] in which a hand
-# leans on an arm after it is halted, in which it grows, and for which it is gone before a resume.
-LEAN, FIFTH, SHOVE, LOAD, BEARABLE = 100.0, 0.2, 150.0, 98.0, 0.8
-REACHES, GROWS, GONE = 0.5, 0.2, 0.3
+LEAN, SHOVE, LOAD = 100.0, 150.0, 98.0  # [N] at most
 SETTLING, STOPPING, RELEASED = 1.0, 1.0, 0.3  # [s] after a fault, of a stop, until efforts end
 TIP = np.array([[0.25, 1.0], [1.0, 4.0], [20.0, 80.0]])  # speed, acceleration, jerk of the tip
-# By how much [m] a stop gives way, the contact being measured or not, and from which force [N] on it
-# is seen on a tip in motion; [s] for which who led a stopped arm has to pause.
+# By how much [m] a stop gives way to a contact that is measured, or not; from which force [N] it is
+# seen on a tip in motion; [s] for which who led a stopped arm has to pause.
 GIVES_WAY, CONTACT, PAUSES = {True: 0.010, False: 0.020}, {True: 10.0, False: 60.0}, 0.5
 LATEST = {True: 0.05, False: 0.03}  # max_latency [s] of positions, and of efforts
 ROUNDING, HERE, MOVES = 1e-9, 1e-6, 0.1  # [s], [rad], [rad/s]
@@ -54,7 +47,7 @@ class Sequence:
         random = self.random = np.random.default_rng((SEED, seed))
         law, arm = LAWS[seed % len(LAWS)], str(random.choice(ARMS))
         rate = int(random.choice(RATES if law == "clik" else EFFORT_RATES))
-        is_real = self.is_real = bool(random.integers(2))
+        is_real = bool(random.integers(2))
         if arm == "kuka_iiwa" and law != "clik" and not is_real:
             rate = EFFORT_RATES[-1]  # its wrist is too light to be held at less
         self.period = random.uniform(0.01, 0.2)  # [s] of what leads the arm
@@ -92,13 +85,12 @@ class Sequence:
         small = {f: end for f, end in ends.items() if f.kind != "jump" or abs(f.size) < TIMEOUT}
         self.tips = [(f.at, end + SETTLING) for f, end in small.items() if f.kind not in HARMLESS]
         blind = {f: end for f, end in ends.items() if f.topic != "people" or f.kind == "kill"}
-        self.blind = [(f.at, end + SETTLING) for f, end in blind.items() if f.kind != "repeat"]
+        self.blind = [(f.at, end + RELEASED) for f, end in blind.items() if f.kind != "repeat"]
         self.noise = PUSH * any(f.kind == "noise" for f in self.faults)
         self.fastest = values["velocity_scale"] * arm_named(arm).model.velocityLimit
         self.it = FaultyArm(law, arm, values, rate, self.faults, random, self.fastest,
                             REAL if is_real else IDEAL)  # fmt: skip
         self.active, self.due, self.sent = {}, BEGIN, math.inf
-        self.parts, self.stopped, self.met, self.most = {}, {}, set(), 0.0
 
     def fault(self, period):
         random, topics = self.random, ("states", "states", "people", "people", "commands")
@@ -139,26 +131,9 @@ class Sequence:
                 it.order("halt" if is_on else "resume")
         for kind in FORCES:
             if kind in self.active:
-                self.push(self.active[kind])
+                it.press(self.active[kind], self.wrenches[kind])
             elif kind in it.touching:
                 it.touch(kind)
-
-    def push(self, fault):
-        """Let a force act as far as the joints bear it; a shove grows until it stops the arm."""
-        it, t, kind, wrench = self.it, self.it.t, fault.kind, self.wrenches[fault.kind]
-        is_lean, is_hand = kind == "lean", kind in ("lean", "shove")
-        if kind == "shove" and it.is_stopped:
-            self.stopped.setdefault(fault, t)
-        stopped = self.stopped.get(fault, math.inf)
-        begin, end = fault.at + REACHES * is_lean, fault.end - GONE * is_lean
-        if begin <= t < min(end, stopped + fault.size):
-            if fault not in self.parts:
-                most = it.bears(wrench / FIFTH, 1.0) if is_lean else it.bears(wrench, BEARABLE)
-                self.parts[fault] = most
-            grown = min(1.0, (min(t, stopped) - begin) / GROWS) if is_hand else 1.0
-            it.touch(kind, grown * self.parts[fault] * wrench, is_hand=is_hand)
-        elif kind in it.touching:
-            it.touch(kind)
 
     def lead(self, p, R, dp, omega):
         """Send what leads the arm; when all is over, resume and send it to the last pose."""
@@ -241,56 +216,14 @@ def wrong_answers(run):
 
 def wrong_restarts(run):
     """Nothing leads a stopped arm on by itself: a stream pauses, a halt is resumed."""
-    it, before, begun, asked, needs_resume = run.it, None, -math.inf, -math.inf, False
-    orders = deque(it.asked)
-    for now in it.truth:
-        is_new, is_left = before is None or now.life != before.life, False
-        was_stopped = not is_new and before.is_stopped
-        if is_new:
-            asked, needs_resume = -math.inf, False
-        while orders and orders[0].t <= now.t:
-            t, name, is_obeyed = orders.popleft()
-            if name in LEADS and is_obeyed:
-                if needs_resume or t - asked < PAUSES - ROUNDING:
-                    yield t, f"{name} leads on an arm that is stopped since {begun:.3f} s"
-                is_left, asked = True, -math.inf
-            elif name in LEADS and was_stopped:
-                asked = t
-                run.met.add("a leader asks a stopped arm")
-            elif name == "halt" and is_obeyed:
-                needs_resume = True
-            elif name == "resume" and is_obeyed and was_stopped:
-                is_left, needs_resume = True, False
-                asked = -math.inf if asked == begun else asked
-        if now.is_stopped and (is_left or not was_stopped):
-            asked = begun = now.t
-        elif was_stopped and not (now.is_stopped or is_left):
-            yield now.t, "the arm is stopped no more, and nobody asked for that"
-        needs_resume = needs_resume or now.cause == Cause.RUNAWAY
-        before = now
+    yield from run.it.led_on(PAUSES - ROUNDING)
 
 
 def wrong_stops(run):
     """A stop under efforts hardly gives way to what touches the arm."""
-    it, start = run.it, None
-    is_measured = it.law == "impedance_control"
-    for now in it.truth if not it.is_position else ():
-        is_blind = any(a <= now.t < b for a, b in run.blind)
-        if not now.is_held or is_blind:
-            start = None
-            continue
-        p = it.arm.pose(now.q)[0]
-        if start is None and (np.abs(now.dq).max() < AT_REST or now.touched > CONTACT[is_measured]):
-            start = now.t, p
-        if start is None:
-            continue
-        if now.touched > 5.0:
-            run.met.add("a stopped arm is touched")
-        way = np.linalg.norm(p - start[1])
-        run.most = max(run.most, way)
-        if way > GIVES_WAY[is_measured]:
-            yield now.t, f"a stop gives way by {way:.4f} m since {start[0]:.3f} s"
-            return
+    if not run.it.is_position:
+        is_measured = run.it.law == "impedance_control"
+        yield from run.it.gives_way(GIVES_WAY[is_measured], CONTACT[is_measured], run.blind)
 
 
 def wrong_motions(run):
