@@ -36,8 +36,9 @@ LEAN, SHOVE, LOAD = 100.0, 150.0, 98.0  # [N] at most
 SETTLING, STOPPING, RELEASED = 1.0, 1.0, 0.3  # [s] after a fault, of a stop, until efforts end
 TIP = np.array([[0.25, 1.0], [1.0, 4.0], [20.0, 80.0]])  # speed, acceleration, jerk of the tip
 # By how much [m] a stop gives way to a contact that is measured, or not; from which force [N] it is
-# seen on a tip in motion; [s] for which who led a stopped arm has to pause.
-GIVES_WAY, CONTACT, PAUSES = {True: 0.010, False: 0.020}, {True: 10.0, False: 60.0}, 0.5
+# felt while the arm still moves: what is estimated is taken for friction; [s] for which who led a
+# stopped arm has to pause.
+GIVES_WAY, CONTACT, PAUSES = {True: 0.010, False: 0.020}, {True: 10.0, False: math.inf}, 0.5
 LATEST = {True: 0.05, False: 0.03}  # max_latency [s] of positions, and of efforts
 ROUNDING, HERE, MOVES = 1e-9, 1e-6, 0.1  # [s], [rad], [rad/s]
 
