@@ -35,6 +35,7 @@ FIFTH, BEARABLE, REACHES, GROWS, GONE = 0.2, 0.8, 0.5, 0.2, 0.3
 LEADS = ("follow", "stream", "aim", "jog")  # orders that move the arm
 AT_ONCE = 1e-9  # [s] of rounding
 SAME = 1e-9  # relative difference of two joints that are cut each for itself
+RUBBED = 0.02, 0.2  # [m], [rad] that friction keeps an arm away from where it is sent, at most
 FASTEST_HAND = 1.0  # [m/s] at which a hand that follows the tip exerts nothing any more
 # What textbook joints lack, and what they are.
 REAL = {"friction_viscous": (1.0,), "friction_coulomb": (0.5,), "rotor_inertia": (0.1,)}
@@ -163,6 +164,7 @@ class FaultyArm:
 
     def __init__(self, law, arm, values, rate, faults, random, fastest, joints):
         self.law, self.arm, self.values, self.rate = law, arm_named(arm), values, rate
+        self.friction = joints["friction_viscous"][0], joints["friction_coulomb"][0]
         self.is_position, self.steps = law == "clik", max(1, round(STEP_RATE / rate))
         control, about = "position" if self.is_position else "torque", self.arm.about
         given = SimulatorParameters(
@@ -412,10 +414,21 @@ class FaultyArm:
                 yield row.t, f"the efforts {row.command} are cut joint by joint"
 
     def is_at(self, goal, way, angle):
-        """Return whether the tip is within a way [m] and an angle [rad] of a pose."""
-        p, R = self.arm.pose(self.simulator.motion[0])
-        turned = np.linalg.norm(pin.log3(R.T @ goal[1]))
-        return np.linalg.norm(p - goal[0]) < way and turned < angle
+        """Return whether the tip is within a way [m] and an angle [rad] of a pose.
+
+        A law without an integral leaves an arm where the friction of its joints balances it.
+        """
+        q, dq = self.simulator.motion
+        p, R = self.arm.pose(q)
+        gone, turned = np.linalg.norm(p - goal[0]), np.linalg.norm(pin.log3(R.T @ goal[1]))
+        if gone < way and turned < angle:
+            return True
+        efforts = None if self.is_position or not self.rows else self.rows[-1].command
+        if efforts is None or self.is_stopped or gone > RUBBED[0] or turned > RUBBED[1]:
+            return False
+        model, (viscous, coulomb) = self.arm.model, self.friction
+        weight = pin.rnea(model, model.createData(), q, 0 * q, 0 * q)
+        return bool((np.abs(efforts - weight) < viscous * np.abs(dq) + coulomb).all())
 
     def beside_weight(self, row, push):
         """Return how far [Nm] efforts are from the weight, and what brakes and balances a push."""
