@@ -49,8 +49,8 @@ class Sequence:
         law, arm = LAWS[seed % len(LAWS)], str(random.choice(ARMS))
         rate = int(random.choice(RATES if law == "clik" else EFFORT_RATES))
         is_real = bool(random.integers(2))
-        if arm == "kuka_iiwa" and law != "clik" and not is_real:
-            rate = EFFORT_RATES[-1]  # its wrist is too light to be held at less
+        if arm == "kuka_iiwa" and law != "clik":  # its wrist is too light for less
+            rate = max(rate, 250) if is_real else 1000
         self.period = random.uniform(0.01, 0.2)  # [s] of what leads the arm
         values = {
             "orientation": str(random.choice(REPRESENTATIONS)),
@@ -257,6 +257,8 @@ def wrong_tips(run):
     factors, orders = ([1.01, 1.05, 1.5], 3) if it.is_position else ([1.1, 1.5, 1.0], 2)
     if it.values.get("feedback") == "measured" or it.values["velocity_scale"] < 1:
         orders = 1  # for a joint at its speed limit the tip waits, at that joint's acceleration
+    if any(it.friction) and not it.is_position:
+        orders = 1  # friction that turns round accelerates a wrist by up to 10 rad/s^2
     limits = TIP * np.array(factors)[:, None]
     limits[0, 0] *= it.values["max_linear_speed"] / TIP[0, 0]
     # steps of 10 % of an acceleration, and of 0.2 % of a speed, are no jerks that a robot feels
