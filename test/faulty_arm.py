@@ -26,7 +26,7 @@ TIMEOUT = 0.1  # [s] of states and of commands
 EPOCH = 10**12  # [ns] of the clock of the robot, so that it can be set back
 STEP_RATE = 1000  # [Hz] of the simulation at least
 PROTECTIVE = 1.5  # a joint this many times as fast as its limit makes the robot stop by itself
-AT_REST = 0.01  # [rad/s]
+AT_REST, COMES_TO_REST = 0.01, 0.5  # [rad/s], [s] in which the hold of a stop brakes
 BRAKING = 150.0  # [1/s] with which first efforts may brake the motion that they find
 # A hand leans with this part of what the joints can exert, another presses with what they bear with
 # the second part of their efforts; [s] after which it leans on an arm that was halted, in which it
@@ -382,16 +382,17 @@ class FaultyArm:
     def gives_way(self, most, contact, blind):
         """Yield where a stop gives way by more than ``most`` [m].
 
-        It begins where the arm is at rest, or a force of ``contact`` [N] touches it; not within the
-        spans [s] in which states or commands are wrong.
+        It begins where the arm is at rest, or ought to be, or a force of ``contact`` [N] touches it;
+        not within the spans [s] in which states or commands are wrong.
         """
-        start = None
+        start, since = None, math.inf
         for now in self.truth:
             if not now.is_held or any(a <= now.t < b for a, b in blind):
-                start = None
+                start, since = None, math.inf
                 continue
-            p = self.arm.pose(now.q)[0]
-            if start is None and (np.abs(now.dq).max() < AT_REST or now.touched > contact):
+            p, since = self.arm.pose(now.q)[0], min(since, now.t)
+            rests = np.abs(now.dq).max() < AT_REST or now.t > since + COMES_TO_REST
+            if start is None and (rests or now.touched > contact):
                 start = now.t, p
             if start is None:
                 continue
