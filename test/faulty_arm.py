@@ -231,8 +231,8 @@ class FaultyArm:
                 self.touch(kind)
             return
         if fault not in self._parts:
-            whole = self.bears(wrench / FIFTH, 1.0) if is_lean else self.bears(wrench, BEARABLE)
-            self._parts[fault] = whole
+            part = self.bears(wrench, BEARABLE)
+            self._parts[fault] = min(part, self.bears(wrench / FIFTH, 1.0)) if is_lean else part
         grown = min(1.0, (min(t, stopped) - begin) / GROWS) if is_hand else 1.0
         self.touch(kind, grown * self._parts[fault] * wrench, is_hand=is_hand)
 
@@ -382,8 +382,8 @@ class FaultyArm:
     def gives_way(self, most, contact, blind):
         """Yield where a stop gives way by more than ``most`` [m].
 
-        It begins where the arm is at rest, or ought to be, or a force of ``contact`` [N] touches it;
-        not within the spans [s] in which states or commands are wrong.
+        It begins where the arm is at rest, or ought to be, or a force of ``contact`` [N] touches
+        it; not within the spans [s] in which states or commands are wrong.
         """
         start, since = None, math.inf
         for now in self.truth:

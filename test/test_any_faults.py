@@ -50,7 +50,7 @@ class Sequence:
         rate = int(random.choice(RATES if law == "clik" else EFFORT_RATES))
         is_real = bool(random.integers(2))
         if arm == "kuka_iiwa" and law != "clik":  # its wrist is too light for less
-            rate = max(rate, 250) if is_real else 1000
+            rate = max(rate, 500) if is_real else 1000
         self.period = random.uniform(0.01, 0.2)  # [s] of what leads the arm
         values = {
             "orientation": str(random.choice(REPRESENTATIONS)),

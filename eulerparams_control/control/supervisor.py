@@ -170,8 +170,10 @@ class Supervisor:
 
     def _see_runaway(self, limits: Array) -> None:
         """Release an arm with a joint that efforts have made too fast for its limit (n,)."""
-        most = _SWINGING if self._halted > _HALTED else _RUNAWAY
-        excess = np.abs(self.dq) - np.maximum(most * limits, _SLOW)
+        fastest = _RUNAWAY * limits
+        if self._halted > _HALTED:  # what is pushed swings, however slow it is to move
+            fastest = np.minimum(fastest, _SWINGING * self.scheme.robot.limits.velocity)
+        excess = np.abs(self.dq) - np.maximum(fastest, _SLOW)
         i = int(excess.argmax())
         if excess[i] > 0:
             fast = f"{self.scheme.robot.joints[i]} at {self.dq[i]:.3g} rad/s"
