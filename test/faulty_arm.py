@@ -26,6 +26,7 @@ TIMEOUT = 0.1  # [s] of states and of commands
 EPOCH = 10**12  # [ns] of the clock of the robot, so that it can be set back
 STEP_RATE = 1000  # [Hz] of the simulation at least
 PROTECTIVE = 1.5  # a joint this many times as fast as its limit makes the robot stop by itself
+LEAST_TOUCH = 5.0  # [N]
 AT_REST, COMES_TO_REST = 0.01, 0.5  # [rad/s], [s] in which the hold of a stop brakes
 BRAKING = 150.0  # [1/s] with which first efforts may brake the motion that they find
 # A hand leans with this part of what the joints can exert, another presses with what they bear with
@@ -379,8 +380,8 @@ class FaultyArm:
             needs_resume = needs_resume or now.cause == Cause.RUNAWAY
             before = now
 
-    def gives_way(self, most, contact, blind):
-        """Yield where a stop gives way by more than ``most`` [m].
+    def gives_way(self, most, in_contact, contact, blind):
+        """Yield where a stop gives way by more than ``most`` [m], ``in_contact`` if it begins so.
 
         It begins where the arm is at rest, or ought to be, or a force of ``contact`` [N] touches
         it; not within the spans [s] in which states or commands are wrong.
@@ -393,11 +394,11 @@ class FaultyArm:
             p, since = self.arm.pose(now.q)[0], min(since, now.t)
             rests = np.abs(now.dq).max() < AT_REST or now.t > since + COMES_TO_REST
             if start is None and (rests or now.touched > contact):
-                start = now.t, p
+                start, allowed = (now.t, p), in_contact if now.touched > LEAST_TOUCH else most
             if start is None:
                 continue
             way = np.linalg.norm(p - start[1])
-            if way > most:
+            if way > allowed:
                 yield now.t, f"a stop gives way by {way:.4f} m since {start[0]:.3f} s"
                 return
 

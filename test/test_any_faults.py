@@ -23,7 +23,7 @@ KINDS = {
     "commands": ("drop", "delay", "repeat", "nan"),
 }
 SIZES = {"drop": (0.3, 3.0), "delay": (0.005, 0.3), "noise": (1e-4, 0.01), "fast": (1.0, 4.0),
-         "jump": (0.01, 10.0), "shove": (0.001, 0.5)}  # fmt: skip
+         "jump": (0.01, 10.0), "shove": (0.02, 1.0)}  # fmt: skip
 FORCES, LONGER_BY = ("push", "lean", "shove", "load"), 1.5  # [s] what people do lasts longer
 HARMLESS = ("halt", "leap", "repeat")  # what shakes neither the arm nor its states, nor its law
 LEADERS = ("way points", "way points", "set-points", "poses", "goals", "twists")
@@ -35,10 +35,10 @@ PUSH = np.array([15.0] * 3 + [1.5] * 3)  # [N, Nm]
 LEAN, SHOVE, LOAD = 100.0, 150.0, 98.0  # [N] at most
 SETTLING, STOPPING, RELEASED = 1.0, 1.0, 0.3  # [s] after a fault, of a stop, until efforts end
 TIP = np.array([[0.25, 1.0], [1.0, 4.0], [20.0, 80.0]])  # speed, acceleration, jerk of the tip
-# By how much [m] a stop gives way to a contact that is measured, or not; from which force [N] it is
-# felt while the arm still moves: what is estimated is taken for friction; [s] for which who led a
-# stopped arm has to pause.
-GIVES_WAY, CONTACT, PAUSES = {True: 0.010, False: 0.020}, {True: 10.0, False: math.inf}, 0.5
+# By how much [m] a stop gives way, and one in a contact that is measured, or not; from which force
+# [N] it is felt while the arm still moves: what is estimated is taken for friction; [s] for which
+# who led a stopped arm has to pause.
+GIVES_WAY, IN_CONTACT, PAUSES = 0.010, {True: (0.010, 10.0), False: (0.020, math.inf)}, 0.5
 LATEST = {True: 0.05, False: 0.03}  # max_latency [s] of positions, and of efforts
 ROUNDING, HERE, MOVES = 1e-9, 1e-6, 0.1  # [s], [rad], [rad/s]
 
@@ -224,7 +224,7 @@ def wrong_stops(run):
     """A stop under efforts hardly gives way to what touches the arm."""
     if not run.it.is_position:
         is_measured = run.it.law == "impedance_control"
-        yield from run.it.gives_way(GIVES_WAY[is_measured], CONTACT[is_measured], run.blind)
+        yield from run.it.gives_way(GIVES_WAY, *IN_CONTACT[is_measured], run.blind)
 
 
 def wrong_motions(run):
