@@ -16,14 +16,15 @@ from faulty_arm import AT_REST, IDEAL, REAL, TIMEOUT, Fault, FaultyArm, along
 from yardstick import LAWS, REPRESENTATIONS, SEED, arm_named, turn
 
 SEEDS, FEW, AT_ONCE = 300, 20, 20
-ARMS = ("ur5", "panda", "kuka_iiwa")
+STOPS_AT = {"ur5": 120.0, "panda": 30.0, "kuka_iiwa": 140.0}  # max_contact_force [N]
+ARMS = tuple(STOPS_AT)
 KINDS = {
     "states": ("drop", "delay", "repeat", "freeze", "stuck", "nan", "noise", "fast", "jump"),
     "people": ("halt", "kill", "change", "push", "leap", "lean", "lean", "shove", "shove", "load"),
     "commands": ("drop", "delay", "repeat", "nan"),
 }
 SIZES = {"drop": (0.3, 3.0), "delay": (0.005, 0.3), "noise": (1e-4, 0.01), "fast": (1.0, 4.0),
-         "jump": (0.01, 10.0), "shove": (0.02, 1.0)}  # fmt: skip
+         "jump": (0.01, 10.0), "shove": (0.1, 1.0)}  # fmt: skip
 FORCES, LONGER_BY = ("push", "lean", "shove", "load"), 1.5  # [s] what people do lasts longer
 HARMLESS = ("halt", "leap", "repeat")  # what shakes neither the arm nor its states, nor its law
 LEADERS = ("way points", "way points", "set-points", "poses", "goals", "twists")
@@ -64,7 +65,7 @@ class Sequence:
             values |= {"feedback": str(feedback), "k_Pp": gain, "k_Po": gain}
             values["max_joint_acceleration"] = [float(random.choice([10.0, 6.0]))]
         if law == "impedance_control":
-            values["max_contact_force"] = float(random.choice([140.0, 30.0]))
+            values["max_contact_force"] = STOPS_AT[arm]
         if law == "dynamic_control" and not is_real:
             values["max_error_position"] = float(random.choice([0.1, 0.02]))
         self.other = {"orientation": str(random.choice(REPRESENTATIONS)), "speed_override": 0.4}
