@@ -29,10 +29,12 @@ PROTECTIVE = 1.5  # a joint this many times as fast as its limit makes the robot
 LEAST_TOUCH = 5.0  # [N]
 AT_REST, COMES_TO_REST = 0.01, 0.5  # [rad/s], [s] in which the hold of a stop brakes
 BRAKING = 150.0  # [1/s] with which first efforts may brake the motion that they find
-# A hand leans with this part of what the joints can exert, another presses with what they bear with
-# the second part of their efforts; [s] after which it leans on an arm that was halted, in which it
-# comes to its force, and for which it has gone before somebody resumes.
-FIFTH, BEARABLE, REACHES, GROWS, GONE = 0.2, 0.8, 0.5, 0.2, 0.3
+# A hand leans with this part of what the joints can exert; it presses with no more than they bear
+# with the second part of their efforts, a weight at first with no more than with the third.
+FIFTH, BEARABLE, LIFTED = 0.2, 0.8, 0.6
+# [s] after which it leans on an arm that was halted, in which it comes to its force, and for which
+# it has gone before somebody resumes
+REACHES, GROWS, GONE = 0.5, 0.2, 0.3
 LEADS = ("follow", "stream", "aim", "jog")  # orders that move the arm
 AT_ONCE = 1e-9  # [s] of rounding
 SAME = 1e-9  # relative difference of two joints that are cut each for itself
@@ -227,22 +229,25 @@ class FaultyArm:
             self._stopped.setdefault(fault, t)
         stopped = self._stopped.get(fault, math.inf)
         begin, end = fault.at + REACHES * is_lean, fault.end - GONE * is_lean
+        self.touch(kind)
         if not begin <= t < min(end, stopped + fault.size):
-            if kind in self.touching:
-                self.touch(kind)
             return
-        if fault not in self._parts:
-            part = self.bears(wrench, BEARABLE)
-            self._parts[fault] = min(part, self.bears(wrench / FIFTH, 1.0)) if is_lean else part
-        grown = min(1.0, (min(t, stopped) - begin) / GROWS) if is_hand else 1.0
-        self.touch(kind, grown * self._parts[fault] * wrench, is_hand=is_hand)
+        if fault not in self._parts:  # of a weight: the arm may sink
+            self._parts[fault] = (
+                self.bears(wrench / FIFTH, 1.0) if is_lean else self.bears(wrench, LIFTED)
+            )
+        if is_hand:
+            grown = min(1.0, (min(t, stopped) - begin) / GROWS)
+            part = grown * min(self._parts[fault] if is_lean else 1.0, self.bears(wrench, BEARABLE))
+        else:
+            part = self._parts[fault]
+        self.touch(kind, part * wrench, is_hand=is_hand)
 
     def touch(self, name, wrench=None, *, is_hand=False):
         """Let a wrench (6,) act on the tip from now on, axes of the world; None ends it."""
-        self.touching.pop(name, None)
-        if wrench is None:
+        if self.touching.pop(name, None) and wrench is None:
             self.drive.push(None)
-        else:
+        elif wrench is not None:
             self.touching[name] = Touch(wrench, is_hand)
             self.hardest = np.maximum(self.hardest, np.abs(wrench))
 

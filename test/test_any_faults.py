@@ -20,7 +20,7 @@ STOPS_AT = {"ur5": 120.0, "panda": 30.0, "kuka_iiwa": 140.0}  # max_contact_forc
 ARMS = tuple(STOPS_AT)
 KINDS = {
     "states": ("drop", "delay", "repeat", "freeze", "stuck", "nan", "noise", "fast", "jump"),
-    "people": ("halt", "kill", "change", "push", "leap", "lean", "lean", "shove", "shove", "load"),
+    "people": ("halt", "kill", "change", "push", "leap", *2 * ("lean", "shove", "load"), "shove"),
     "commands": ("drop", "delay", "repeat", "nan"),
 }
 SIZES = {"drop": (0.3, 3.0), "delay": (0.005, 0.3), "noise": (1e-4, 0.01), "fast": (1.0, 4.0),
