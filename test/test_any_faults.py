@@ -99,7 +99,7 @@ class Sequence:
         topic, at = str(random.choice(topics)), random.uniform(FIRST, LAST)
         kind = str(random.choice(KINDS[topic]))
         lasts = math.exp(random.uniform(math.log(0.03), math.log(0.5)))
-        lasts += LONGER_BY * (kind in ("halt", *FORCES[1:]))
+        lasts += LONGER_BY * (kind in ("halt", *FORCES[1:])) + RELEASED * (kind == "freeze")
         lasts = period if kind == "fast" else lasts  # a speed is wrong once
         size = math.exp(random.uniform(*np.log(SIZES.get(kind, (0.1, 1.0)))))
         is_back = kind == "jump" and random.uniform() < 0.5
