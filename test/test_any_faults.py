@@ -36,9 +36,8 @@ PUSH = np.array([15.0] * 3 + [1.5] * 3)  # [N, Nm]
 LEAN, SHOVE, LOAD = 100.0, 150.0, 98.0  # [N] at most
 SETTLING, STOPPING, RELEASED = 1.0, 1.0, 0.3  # [s] after a fault, of a stop, until efforts end
 TIP = np.array([[0.25, 1.0], [1.0, 4.0], [20.0, 80.0]])  # speed, acceleration, jerk of the tip
-# By how much [m] a stop gives way, and one in a contact that is measured, or not; from which force
-# [N] it is felt while the arm still moves: what is estimated is taken for friction; [s] for which
-# who led a stopped arm has to pause.
+# By how much [m] a stop gives way, and one in a contact, measured or not, that is felt from which
+# force [N] in motion: what is estimated is taken for friction; [s] for which a leader has to pause.
 GIVES_WAY, IN_CONTACT, PAUSES = 0.010, {True: (0.010, 10.0), False: (0.020, math.inf)}, 0.5
 LATEST = {True: 0.05, False: 0.03}  # max_latency [s] of positions, and of efforts
 ROUNDING, HERE, MOVES = 1e-9, 1e-6, 0.1  # [s], [rad], [rad/s]
@@ -90,8 +89,8 @@ class Sequence:
         self.blind = [(f.at, end + RELEASED) for f, end in blind.items() if f.kind != "repeat"]
         self.noise = PUSH * any(f.kind == "noise" for f in self.faults)
         self.fastest = values["velocity_scale"] * arm_named(arm).model.velocityLimit
-        self.it = FaultyArm(law, arm, values, rate, self.faults, random, self.fastest,
-                            REAL if is_real else IDEAL)  # fmt: skip
+        joints = REAL if is_real else IDEAL
+        self.it = FaultyArm(law, arm, values, rate, self.faults, random, self.fastest, joints)
         self.active, self.due, self.sent = {}, BEGIN, math.inf
 
     def fault(self, period):
