@@ -12,6 +12,7 @@ from builtin_interfaces.msg import Time
 from sensor_msgs.msg import JointState
 from yardstick import Array, Product, Tick, arm_named, smooth, turn
 
+from eulerparams_control.control.mode import Cause
 from eulerparams_control.errors import InvalidMessageError
 from eulerparams_control.messages.from_ros import JointStateReader
 from eulerparams_control.ros.senders import UNNUMBERED
@@ -25,9 +26,23 @@ TIMEOUT = 0.1  # [s] of states and of commands
 EPOCH = 10**12  # [ns] of the clock of the robot, so that it can be set back
 STEP_RATE = 1000  # [Hz] of the simulation at least
 PROTECTIVE = 1.5  # a joint this many times as fast as its limit makes the robot stop by itself
-AT_REST = 0.01  # [rad/s]
+LEAST_TOUCH = 5.0  # [N]
+AT_REST, COMES_TO_REST = 0.01, 0.5  # [rad/s], [s] in which the hold of a stop brakes
 BRAKING = 150.0  # [1/s] with which first efforts may brake the motion that they find
+# A hand leans with this part of what the joints can exert; it presses with no more than they bear
+# with the second part of their efforts, a weight at first with no more than with the third.
+FIFTH, BEARABLE, LIFTED = 0.2, 0.8, 0.6
+# [s] after which it leans on an arm that was halted, in which it comes to its force, and for which
+# it has gone before somebody resumes
+REACHES, GROWS, GONE = 0.5, 0.2, 0.3
+LEADS = ("follow", "stream", "aim", "jog")  # orders that move the arm
 AT_ONCE = 1e-9  # [s] of rounding
+SAME = 1e-9  # relative difference of two joints that are cut each for itself
+RUBBED = 0.02, 0.2  # [m], [rad] that friction keeps an arm away from where it is sent, at most
+FASTEST_HAND = 1.0  # [m/s] at which a hand that follows the tip exerts nothing any more
+# What textbook joints lack, and what they are.
+REAL = {"friction_viscous": (1.0,), "friction_coulomb": (0.5,), "rotor_inertia": (0.1,)}
+IDEAL = dict.fromkeys(REAL, (0.0,))
 
 
 class Fault(NamedTuple):
@@ -51,6 +66,39 @@ class Row(NamedTuple):
     dq: Array
     is_refused: bool
     command: Array | None
+
+
+class Moment(NamedTuple):
+    """The arm itself, what its controller does, and what touches it."""
+
+    t: float
+    q: Array
+    dq: Array
+    life: int
+    is_stopped: bool
+    is_held: bool  # where it stopped
+    cause: str
+    touched: float  # [N]
+
+
+class Touch(NamedTuple):
+    """What touches the tip: a wrench (6,) [N, Nm], axes of the world; a hand follows the tip."""
+
+    wrench: Array
+    is_hand: bool
+
+    def at(self, dp_e):
+        """Return the wrench (6,) on a tip at dp_e (3,) [m/s]."""
+        along = dp_e @ self.wrench[:3] / max(np.linalg.norm(self.wrench[:3]), AT_ONCE)
+        return self.wrench * max(0.0, 1.0 - self.is_hand * along / FASTEST_HAND)
+
+
+class Order(NamedTuple):
+    """An order that was given to a controller at a time [s]."""
+
+    t: float
+    name: str
+    is_obeyed: bool
 
 
 class Channel:
@@ -109,19 +157,24 @@ class FaultyArm:
         faults: of ``states`` and ``commands``.
         random: of what they do.
         fastest: (n,) [rad/s] of the joints.
+        joints: of the simulator: their friction and rotors.
 
     Attributes:
-        rows, truth, orders: all answers; t, q, dq of the arm itself; times and names of the orders
-            that were obeyed.
+        rows, truth, asked: all answers, moments and orders.
+        touching: what touches the tip, by names; ``hardest`` (6,) of each component so far.
         may_start: whether a controller is started where there is none.
     """
 
-    def __init__(self, law, arm, values, rate, faults, random, fastest):
+    def __init__(self, law, arm, values, rate, faults, random, fastest, joints):
         self.law, self.arm, self.values, self.rate = law, arm_named(arm), values, rate
+        self.friction = joints["friction_viscous"][0], joints["friction_coulomb"][0]
         self.is_position, self.steps = law == "clik", max(1, round(STEP_RATE / rate))
         control, about = "position" if self.is_position else "torque", self.arm.about
         given = SimulatorParameters(
-            rate=float(self.steps * rate), control=control, protective_speed=PROTECTIVE
+            rate=float(self.steps * rate),
+            control=control,
+            protective_speed=PROTECTIVE,
+            **joints,
         )
         self.simulator = Simulator(about, given)
         self.drive = Drive(self.simulator, DrivePolicy(TIMEOUT - 0.5 / rate))
@@ -130,7 +183,9 @@ class FaultyArm:
             Channel([f for f in faults if f.topic == topic], random, fastest)
             for topic in ("states", "commands")
         )
-        self.rows, self.truth, self.orders = [], [], []
+        self.rows, self.truth, self.asked = [], [], []
+        self.touching, self.hardest = {}, np.zeros(6)
+        self._parts, self._stopped = {}, {}
         self.product, self.life, self.k, self.may_start = None, 0, 0, True
 
     @property
@@ -138,17 +193,90 @@ class FaultyArm:
         """The time [s]."""
         return self.k / self.rate
 
+    @property
+    def is_stopped(self):
+        """Whether there is a controller that keeps the arm stopped."""
+        return self.product is not None and self.product.controller.state.is_halted
+
     def tick(self):
         """Measure, command, move on."""
-        self.truth.append((self.t, *self.simulator.motion))
+        is_stopped, cause, is_held = self.is_stopped, Cause.NONE, False
+        if is_stopped:
+            controller = self.product.controller
+            cause, is_held = controller.why.cause, not controller.guidance.is_braking
+        touched = np.linalg.norm(sum(touch.wrench[:3] for touch in self.touching.values()))
+        life = self.life if self.product else 0
+        about = life, is_stopped, is_held, cause, float(touched)
+        self.truth.append(Moment(self.t, *self.simulator.motion, *about))
         state = self.drive.state
         measured = self.t, EPOCH + round(1e9 * self.t), state.q, state.dq, state.wrench
         for found in self.states.arrive(self.t, measured):
             self._control(*found)
         self._obey()
         for _ in range(self.steps):
+            self._touch()
             self.drive.step(self.t)
         self.k += 1
+
+    def press(self, fault, wrench):
+        """Let a wrench act as a fault says, as far as the joints bear it.
+
+        A hand leans on a halted arm; one that shoves it presses ever more until the arm is stopped.
+        """
+        t, kind, is_lean = self.t, fault.kind, fault.kind == "lean"
+        is_hand = kind in ("lean", "shove")
+        if kind == "shove" and self.is_stopped:
+            self._stopped.setdefault(fault, t)
+        stopped = self._stopped.get(fault, math.inf)
+        begin, end = fault.at + REACHES * is_lean, fault.end - GONE * is_lean
+        self.touch(kind)
+        if not begin <= t < min(end, stopped + fault.size):
+            return
+        if fault not in self._parts:  # of a weight: the arm may sink
+            self._parts[fault] = (
+                self.bears(wrench / FIFTH, 1.0) if is_lean else self.bears(wrench, LIFTED)
+            )
+        if is_hand:
+            grown = min(1.0, (min(t, stopped) - begin) / GROWS)
+            part = grown * min(self._parts[fault] if is_lean else 1.0, self.bears(wrench, BEARABLE))
+        else:
+            part = self._parts[fault]
+        self.touch(kind, part * wrench, is_hand=is_hand)
+
+    def touch(self, name, wrench=None, *, is_hand=False):
+        """Let a wrench (6,) act on the tip from now on, axes of the world; None ends it."""
+        if self.touching.pop(name, None) and wrench is None:
+            self.drive.push(None)
+        elif wrench is not None:
+            self.touching[name] = Touch(wrench, is_hand)
+            self.hardest = np.maximum(self.hardest, np.abs(wrench))
+
+    def _touch(self):
+        if self.touching:
+            q, dq = self.simulator.motion
+            J, R = self._tip(q)
+            wrench = sum(touch.at(J[:3] @ dq) for touch in self.touching.values())
+            self.drive.push(np.concatenate((R.T @ wrench[:3], R.T @ wrench[3:])))
+
+    def bears(self, wrench, part):
+        """Return how much of a wrench (6,) on the tip, all at most, this part of efforts bears.
+
+        It comes on top of the weight and of what touches the tip already.
+        """
+        model, (q, _) = self.arm.model, self.simulator.motion
+        J, _ = self._tip(q)
+        acting = sum((touch.wrench for touch in self.touching.values()), np.zeros(6))
+        needed = pin.rnea(model, model.createData(), q, 0 * q, 0 * q) - J.T @ acting
+        more = -J.T @ wrench
+        room = part * model.effortLimit - np.sign(more) * needed
+        return float(np.clip((room / np.maximum(np.abs(more), AT_ONCE)).min(), 0.0, 1.0))
+
+    def _tip(self, q):
+        """Return J (6, n) and R_e (3, 3) of the tip, which is the sensor too, from the world."""
+        model, frame = self.arm.model, pin.LOCAL_WORLD_ALIGNED
+        data, tip = model.createData(), model.getFrameId(self.arm.about.tip_frame)
+        J = pin.computeFrameJacobian(model, data, q, tip, frame)
+        return J, pin.updateFramePlacement(model, data, tip).rotation
 
     def _message(self, stamp, **numbers):
         values = {name: row.tolist() for name, row in numbers.items()}
@@ -187,9 +315,12 @@ class FaultyArm:
         if self.product is None:
             return False
         self.product.at(self.t)
-        is_obeyed = self.product.order(name, *given)
-        self.orders += [(self.t, name)] * is_obeyed
-        return is_obeyed
+        self.asked.append(Order(self.t, name, self.product.order(name, *given)))
+        return self.asked[-1].is_obeyed
+
+    def times_of(self, *names):
+        """Return when [s] these orders were obeyed."""
+        return [order.t for order in self.asked if order.is_obeyed and order.name in names]
 
     @property
     def answers(self):
@@ -221,17 +352,95 @@ class FaultyArm:
                 if text and row.t > late + TIMEOUT:
                     yield row.t, text
 
+    def led_on(self, pause):
+        """Yield where a stopped arm is led on otherwise than by a resume, or after a pause [s].
+
+        What led it and was refused has to pause after a resume, too.  After a halt, and after the
+        arm ran away, there has to be one.
+        """
+        before, begun, asked, needs_resume = None, -math.inf, -math.inf, False
+        orders = deque(self.asked)
+        for now in self.truth:
+            is_new, is_left = before is None or now.life != before.life, False
+            was_stopped = not is_new and before.is_stopped
+            if is_new:
+                asked, needs_resume = -math.inf, False
+            while orders and orders[0].t <= now.t:
+                t, name, is_obeyed = orders.popleft()
+                if name in LEADS and is_obeyed:
+                    if needs_resume or t - asked < pause:
+                        yield t, f"{name} leads an arm on that is stopped since {begun:.3f} s"
+                    is_left, asked = True, -math.inf
+                elif name in LEADS and was_stopped:
+                    asked = t
+                elif name == "halt" and is_obeyed:
+                    needs_resume = True
+                elif name == "resume" and is_obeyed and was_stopped:
+                    is_left, needs_resume = True, False
+                    asked = -math.inf if asked == begun else asked
+            if now.is_stopped and (is_left or not was_stopped):
+                asked = begun = now.t
+            elif was_stopped and not (now.is_stopped or is_left):
+                yield now.t, "the arm is stopped no more, and nobody asked for that"
+            needs_resume = needs_resume or now.cause == Cause.RUNAWAY
+            before = now
+
+    def gives_way(self, most, in_contact, contact, blind):
+        """Yield where a stop gives way by more than ``most`` [m], ``in_contact`` if it begins so.
+
+        It begins where the arm is at rest, or ought to be, or a force of ``contact`` [N] touches
+        it; not within the spans [s] in which states or commands are wrong.
+        """
+        start, since = None, math.inf
+        for now in self.truth:
+            if not now.is_held or any(a <= now.t < b for a, b in blind):
+                start, since = None, math.inf
+                continue
+            p, since = self.arm.pose(now.q)[0], min(since, now.t)
+            rests = np.abs(now.dq).max() < AT_REST or now.t > since + COMES_TO_REST
+            if start is None and (rests or now.touched > contact):
+                start, allowed = (now.t, p), in_contact if now.touched > LEAST_TOUCH else most
+            if start is None:
+                continue
+            way = np.linalg.norm(p - start[1])
+            if way > allowed:
+                yield now.t, f"a stop gives way by {way:.4f} m since {start[0]:.3f} s"
+                return
+
+    def cut_apart(self, row, steps, efforts):
+        """Yield where efforts were cut joint by joint: two joints are at their bounds at once.
+
+        Args:
+            row: with the efforts.
+            steps: (n,) [s] in which they may change as they did.
+            efforts: (n,) parts of their limits.
+        """
+        for least, parts in ((0.1 / self.rate, steps), (1.0 - SAME, efforts)):
+            second, first = np.sort(parts)[-2:]
+            if second > least and first - second < SAME * first:
+                yield row.t, f"the efforts {row.command} are cut joint by joint"
+
     def is_at(self, goal, way, angle):
-        """Return whether the tip is within a way [m] and an angle [rad] of a pose."""
-        p, R = self.arm.pose(self.simulator.motion[0])
-        turned = np.linalg.norm(pin.log3(R.T @ goal[1]))
-        return np.linalg.norm(p - goal[0]) < way and turned < angle
+        """Return whether the tip is within a way [m] and an angle [rad] of a pose.
+
+        A law without an integral leaves an arm where the friction of its joints balances it.
+        """
+        q, dq = self.simulator.motion
+        p, R = self.arm.pose(q)
+        gone, turned = np.linalg.norm(p - goal[0]), np.linalg.norm(pin.log3(R.T @ goal[1]))
+        if gone < way and turned < angle:
+            return True
+        efforts = None if self.is_position or not self.rows else self.rows[-1].command
+        if efforts is None or self.is_stopped or gone > RUBBED[0] or turned > RUBBED[1]:
+            return False
+        model, (viscous, coulomb) = self.arm.model, self.friction
+        weight = pin.rnea(model, model.createData(), q, 0 * q, 0 * q)
+        return bool((np.abs(efforts - weight) < viscous * np.abs(dq) + coulomb).all())
 
     def beside_weight(self, row, push):
         """Return how far [Nm] efforts are from the weight, and what brakes and balances a push."""
         model, q, dq = self.arm.model, row.q, row.dq
-        data, tip = model.createData(), model.getFrameId(self.arm.about.tip_frame)
-        J = pin.computeFrameJacobian(model, data, q, tip, pin.LOCAL_WORLD_ALIGNED)
+        data, (J, _) = model.createData(), self._tip(q)
         weight, B = pin.rnea(model, data, q, dq, 0 * q), np.abs(pin.crba(model, data, q))
         allowed = 1.0 + B @ np.abs(BRAKING * dq) + np.abs(J.T) @ push
         return np.abs(row.command - weight), allowed

@@ -12,17 +12,20 @@ import sys
 
 import numpy as np
 import pytest
-from faulty_arm import AT_REST, TIMEOUT, Fault, FaultyArm, along
-from yardstick import ARMS, LAWS, REPRESENTATIONS, SEED, arm_named, turn
+from faulty_arm import AT_REST, IDEAL, REAL, TIMEOUT, Fault, FaultyArm, along
+from yardstick import LAWS, REPRESENTATIONS, SEED, arm_named, turn
 
 SEEDS, FEW, AT_ONCE = 300, 20, 20
+STOPS_AT = {"ur5": 120.0, "panda": 30.0, "kuka_iiwa": 140.0}  # max_contact_force [N]
+ARMS = tuple(STOPS_AT)
 KINDS = {
     "states": ("drop", "delay", "repeat", "freeze", "stuck", "nan", "noise", "fast", "jump"),
-    "people": ("halt", "kill", "change", "push", "leap"),
+    "people": ("halt", "kill", "change", "push", "leap", *2 * ("lean", "shove", "load"), "shove"),
     "commands": ("drop", "delay", "repeat", "nan"),
 }
 SIZES = {"drop": (0.3, 3.0), "delay": (0.005, 0.3), "noise": (1e-4, 0.01), "fast": (1.0, 4.0),
-         "jump": (0.01, 10.0)}  # fmt: skip
+         "jump": (0.01, 10.0), "shove": (0.1, 1.0)}  # fmt: skip
+FORCES, LONGER_BY = ("push", "lean", "shove", "load"), 1.5  # [s] what people do lasts longer
 HARMLESS = ("halt", "leap", "repeat")  # what shakes neither the arm nor its states, nor its law
 LEADERS = ("way points", "way points", "set-points", "poses", "goals", "twists")
 RATES, EFFORT_RATES = (20, 50, 125, 250, 500, 1000), (125, 250, 250, 500, 1000)  # [Hz]
@@ -30,8 +33,12 @@ BEGIN, FIRST, LAST = 0.3, 0.4, 1.6  # [s] of the motion, and of the beginnings o
 PAUSE, MOTION, REST, LONGER = 0.7, 1.2, 0.6, 3.0  # [s] about the last motion; more if it is slow
 LEG, NEAR, TURN = 0.8, 0.05, 0.25  # [s], [m], [rad] of the way points
 PUSH = np.array([15.0] * 3 + [1.5] * 3)  # [N, Nm]
+LEAN, SHOVE, LOAD = 100.0, 150.0, 98.0  # [N] at most
 SETTLING, STOPPING, RELEASED = 1.0, 1.0, 0.3  # [s] after a fault, of a stop, until efforts end
 TIP = np.array([[0.25, 1.0], [1.0, 4.0], [20.0, 80.0]])  # speed, acceleration, jerk of the tip
+# By how much [m] a stop gives way, and one in a contact, measured or not, that is felt from which
+# force [N] in motion: what is estimated is taken for friction; [s] for which a leader has to pause.
+GIVES_WAY, IN_CONTACT, PAUSES = 0.010, {True: (0.010, 10.0), False: (0.020, math.inf)}, 0.5
 LATEST = {True: 0.05, False: 0.03}  # max_latency [s] of positions, and of efforts
 ROUNDING, HERE, MOVES = 1e-9, 1e-6, 0.1  # [s], [rad], [rad/s]
 
@@ -41,6 +48,9 @@ class Sequence:
         random = self.random = np.random.default_rng((SEED, seed))
         law, arm = LAWS[seed % len(LAWS)], str(random.choice(ARMS))
         rate = int(random.choice(RATES if law == "clik" else EFFORT_RATES))
+        is_real = bool(random.integers(2))
+        if arm == "kuka_iiwa" and law != "clik":  # its wrist is too light for less
+            rate = max(rate, 500) if is_real else 1000
         self.period = random.uniform(0.01, 0.2)  # [s] of what leads the arm
         values = {
             "orientation": str(random.choice(REPRESENTATIONS)),
@@ -53,8 +63,19 @@ class Sequence:
             feedback, gain = random.choice(["internal", "measured"]), min(20.0, 0.3 * rate)
             values |= {"feedback": str(feedback), "k_Pp": gain, "k_Po": gain}
             values["max_joint_acceleration"] = [float(random.choice([10.0, 6.0]))]
+        if law == "impedance_control":
+            values["max_contact_force"] = STOPS_AT[arm]
+        if law == "dynamic_control" and not is_real:
+            values["max_error_position"] = float(random.choice([0.1, 0.02]))
         self.other = {"orientation": str(random.choice(REPRESENTATIONS)), "speed_override": 0.4}
-        self.push, self.leader = PUSH * random.uniform(-1.0, 1.0, 6), str(random.choice(LEADERS))
+        self.leader, axis = str(random.choice(LEADERS)), np.append(random.normal(size=3), [0] * 3)
+        axis /= np.linalg.norm(axis)
+        self.wrenches = {
+            "push": PUSH * random.uniform(-1.0, 1.0, 6),
+            "lean": LEAN * axis,
+            "shove": SHOVE * axis,
+            "load": LOAD * np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0]),
+        }
         home, x = arm_named(arm).pose(arm_named(arm).home), random.normal(size=(5, 2, 3))
         x *= np.array([[NEAR], [TURN]]) / np.linalg.norm(x, axis=2, keepdims=True)
         self.poses = [home, *((home[0] + step, turn(axis) @ home[1]) for step, axis in x)]
@@ -62,16 +83,22 @@ class Sequence:
         ends = {f: f.end + f.size * (f.kind == "delay") for f in self.faults}
         shaken = [(f.at, end + SETTLING) for f, end in ends.items() if f.kind not in HARMLESS]
         self.quiet, self.shaken = max(ends.values()), [(0.0, 0.0), *shaken]
-        self.may_push = any(f.kind in ("push", "noise") for f in self.faults)
+        small = {f: end for f, end in ends.items() if f.kind != "jump" or abs(f.size) < TIMEOUT}
+        self.tips = [(f.at, end + SETTLING) for f, end in small.items() if f.kind not in HARMLESS]
+        blind = {f: end for f, end in ends.items() if f.topic != "people" or f.kind == "kill"}
+        self.blind = [(f.at, end + RELEASED) for f, end in blind.items() if f.kind != "repeat"]
+        self.noise = PUSH * any(f.kind == "noise" for f in self.faults)
         self.fastest = values["velocity_scale"] * arm_named(arm).model.velocityLimit
-        self.it = FaultyArm(law, arm, values, rate, self.faults, random, self.fastest)
-        self.active, self.due, self.sent = set(), BEGIN, math.inf
+        joints = REAL if is_real else IDEAL
+        self.it = FaultyArm(law, arm, values, rate, self.faults, random, self.fastest, joints)
+        self.active, self.due, self.sent = {}, BEGIN, math.inf
 
     def fault(self, period):
-        random, topics = self.random, ("states", "states", "people", "commands")
+        random, topics = self.random, ("states", "states", "people", "people", "commands")
         topic, at = str(random.choice(topics)), random.uniform(FIRST, LAST)
         kind = str(random.choice(KINDS[topic]))
-        lasts = math.exp(random.uniform(math.log(0.03), math.log(0.5))) + 1.5 * (kind == "halt")
+        lasts = math.exp(random.uniform(math.log(0.03), math.log(0.5)))
+        lasts += LONGER_BY * (kind in ("halt", *FORCES[1:])) + RELEASED * (kind == "freeze")
         lasts = period if kind == "fast" else lasts  # a speed is wrong once
         size = math.exp(random.uniform(*np.log(SIZES.get(kind, (0.1, 1.0)))))
         is_back = kind == "jump" and random.uniform() < 0.5
@@ -89,21 +116,25 @@ class Sequence:
 
     def people(self, p, R):
         """Halt, kill, push the arm, change its parameters, and send it far away."""
-        it, before = self.it, self.active
-        self.active = {f.kind for f in self.faults if f.topic == "people" and f.at <= it.t < f.end}
-        it.may_start = not {"kill", "push"} & self.active
-        for kind in sorted(self.active ^ before):
+        it, before, t = self.it, self.active, self.it.t
+        people = [f for f in self.faults if f.topic == "people" and f.at <= t < f.end]
+        self.active = {f.kind: f for f in people}
+        it.may_start = not {"kill", *FORCES} & set(self.active)
+        for kind in sorted(set(self.active) ^ set(before)):
             is_on = kind in self.active
             if kind == "kill":
                 it.product = None
-            elif kind == "push":
-                it.drive.push(self.push if is_on else None)
             elif kind == "change":
                 it.order("change", self.other if is_on else {"speed_override": 1.0})
             elif kind == "leap":
                 it.order("stream", p + 0.5, R)
-            else:
+            elif kind in ("halt", "lean"):
                 it.order("halt" if is_on else "resume")
+        for kind in FORCES:
+            if kind in self.active:
+                it.press(self.active[kind], self.wrenches[kind])
+            elif kind in it.touching:
+                it.touch(kind)
 
     def lead(self, p, R, dp, omega):
         """Send what leads the arm; when all is over, resume and send it to the last pose."""
@@ -140,13 +171,15 @@ def wrong_commands(run):
             yield row.t, f"{row.command} is not within {least}, {most}"
         if it.follows(before, row):
             step, time = np.abs(command - before.command[:n]), row.t - before.t
+            if not it.is_position:
+                yield from it.cut_apart(row, step / rate, np.abs(command) / E)
             if (step > rate * time + ROUNDING).any():
                 yield row.t, f"a step of {step} in {time:.4g} s; allowed is {rate * time}"
         elif it.is_position:
             if np.abs(row.command - np.append(row.q, 0 * row.q)).max() > HERE:
                 yield row.t, f"the first command is {row.command}, the arm at {row.q}"
         else:
-            away, allowed = it.beside_weight(row, 2 * PUSH * run.may_push)
+            away, allowed = it.beside_weight(row, 2 * (run.noise + it.hardest))
             if (away > allowed).any():
                 yield row.t, f"the first efforts are {away} from the weight; allowed {allowed}"
 
@@ -156,7 +189,7 @@ def wrong_answers(run):
     it, n = run.it, run.it.arm.n
     has_jumped = any(fault.kind == "jump" for fault in run.faults)
     least, seen, frozen, fast, last = {}, {}, 0.0, math.inf, None
-    resumes = [t for t, name in it.orders if name == "resume"]
+    resumes = it.times_of("resume")
     for row in it.rows:
         least[row.life] = min(row.age, least.get(row.life, row.age))
         stays = row.t - seen.setdefault((row.life, row.stamp), row.t)
@@ -183,34 +216,31 @@ def wrong_answers(run):
 
 
 def wrong_restarts(run):
-    """No stream goes on after a fault: it pauses, or somebody resumes."""
-    it, seen = run.it, {}
-    resumes = [t for t, name in it.orders if name == "resume"]
-    for row in it.rows:
-        stays = row.t - seen.setdefault((row.life, row.stamp), row.t)
-        if stays <= TIMEOUT + ROUNDING or row.command is not None or run.leader == "way points":
-            continue
-        ends = [*resumes, *(later.t for later in it.rows if later.life != row.life), math.inf]
-        end = min(t for t in ends if t > row.t)
-        led = [t for t, name in it.orders if name in ("stream", "aim", "jog") and row.t < t < end]
-        if led:
-            yield led[0], "a stream goes on after a fault"
-        return
+    """Nothing leads a stopped arm on by itself: a stream pauses, a halt is resumed."""
+    yield from run.it.led_on(PAUSES - ROUNDING)
+
+
+def wrong_stops(run):
+    """A stop under efforts hardly gives way to what touches the arm."""
+    if not run.it.is_position:
+        is_measured = run.it.law == "impedance_control"
+        yield from run.it.gives_way(GIVES_WAY, *IN_CONTACT[is_measured], run.blind)
 
 
 def wrong_motions(run):
     """Never fast; at rest after a halt or a silence; and in the end where it is sent."""
-    it, (t, _, dq) = run.it, map(np.array, zip(*run.it.truth, strict=True))
+    it, (t, dq) = run.it, (np.array([row[k] for row in run.it.truth]) for k in (0, 2))
     shaken = np.any([(a < t) & (t < b) for a, b in run.shaken], axis=0)
-    speed, factors = np.abs(dq).max(axis=1), np.where(shaken, 2.0, 1.02)
+    most = 1.05 if any(it.friction) else 1.02  # rotors that no model knows overshoot
+    speed, factors = np.abs(dq).max(axis=1), np.where(shaken, 2.0, most)
     limits = np.where(shaken[:, None], it.arm.model.velocityLimit, run.fastest)
     if (beyond := (np.abs(dq) / limits).max(axis=1) / factors).max() > 1:
         yield t[beyond.argmax()], f"the joints move at {dq[beyond.argmax()]}"
     if run.sent == math.inf or not it.is_at(run.poses[-1], 0.005, math.radians(1.0)):
         yield it.t, f"it does not get there: {it.product and it.product.controller.why}"
-    resumes = [*(t for t, name in it.orders if name == "resume"), math.inf]
+    resumes = [*it.times_of("resume"), math.inf]
     resumes += [b.t for a, b in itertools.pairwise(it.rows) if a.life != b.life]  # it knows nothing
-    spans = [(t, min(b for b in resumes if b > t)) for t, name in it.orders if name == "halt"]
+    spans = [(t, min(b for b in resumes if b > t)) for t in it.times_of("halt")]
     if run.leader == "way points":  # nobody sends them again
         times = [row.t for row in it.rows if not row.is_refused]
         gaps = itertools.pairwise(times)
@@ -228,19 +258,21 @@ def wrong_tips(run):
     factors, orders = ([1.01, 1.05, 1.5], 3) if it.is_position else ([1.1, 1.5, 1.0], 2)
     if it.values.get("feedback") == "measured" or it.values["velocity_scale"] < 1:
         orders = 1  # for a joint at its speed limit the tip waits, at that joint's acceleration
+    if any(it.friction) and not it.is_position:
+        orders = 1  # friction that turns round accelerates a wrist by up to 10 rad/s^2
     limits = TIP * np.array(factors)[:, None]
     limits[0, 0] *= it.values["max_linear_speed"] / TIP[0, 0]
     # steps of 10 % of an acceleration, and of 0.2 % of a speed, are no jerks that a robot feels
     limits[2] += np.maximum(0.1 * limits[1] * it.rate, 0.002 * limits[0] * it.rate**2)
     path = [(row.t, row.command[:n]) for row in it.answers]
-    path = path if it.is_position else [(t, q) for t, q, _ in it.truth if t > BEGIN]
-    for t, rates in it.tip_rates(path, run.shaken, orders):
+    path = path if it.is_position else [now[:2] for now in it.truth if now.t > BEGIN]
+    for t, rates in it.tip_rates(path, run.tips, orders):
         for norms, limit in zip(rates, limits, strict=False):
             if (norms > limit).any():
                 yield t, f"{len(rates)}: {norms} of the tip; allowed {limit}"
 
 
-ORACLES = wrong_commands, wrong_answers, wrong_restarts, wrong_motions, wrong_tips
+ORACLES = wrong_commands, wrong_answers, wrong_restarts, wrong_stops, wrong_motions, wrong_tips
 
 
 def judged(seed):

@@ -213,6 +213,17 @@ def test_a_joint_without_an_effort_limit_is_held_as_the_others_are(lost):
         assert (tau - state.g)[joint] < -0.05  # drawn back
 
 
+def test_a_halted_arm_that_may_only_creep_does_not_run_away_where_it_is_pushed():
+    leaning, hand, most = leaned_on("kuka_iiwa", AXES[0], velocity_scale=0.1)
+    leaning.controller.halt()
+    leaning.run(0.6)
+    leaning.forget()
+    hand.most = most  # at once
+    leaning.run(0.5)
+    assert leaning.controller.why.cause is Cause.HALT
+    assert leaning.gave_way < GIVES_WAY
+
+
 @pytest.mark.parametrize("law", ["dynamic_control", "impedance_control", "compliance_control"])
 def test_an_arm_that_ran_away_gets_no_efforts_until_it_is_resumed(law):
     leaning = Leaning(law, "ur5")

@@ -24,7 +24,8 @@ from eulerparams_control.motion.spline import Poses
 
 # Speeds under efforts, as multiples of their limit, beyond which an arm runs away: one that moves,
 # and one that was to stop for the time [s].  What is measured is late, or the model is wrong, and
-# only the brakes of the robot can stop it.  A joint that is slower than this [rad/s or m/s] does
+# only the brakes of the robot can stop it.  The second limit is that of the robot, since what is
+# pushed swings, however slowly it is to move.  A joint that is slower than this [rad/s or m/s] does
 # not run away.
 _RUNAWAY, _SWINGING, _HALTED, _SLOW = 1.5, 0.5, 0.5, 0.1
 
@@ -172,8 +173,10 @@ class Supervisor:
 
     def _see_runaway(self, limits: Array) -> None:
         """Release an arm with a joint that efforts have made too fast for its limit (n,)."""
-        most = _SWINGING if self._halted > _HALTED else _RUNAWAY
-        excess = np.abs(self.dq) - np.maximum(most * limits, _SLOW)
+        fastest = _RUNAWAY * limits
+        if self._halted > _HALTED:
+            fastest = np.minimum(fastest, _SWINGING * self.scheme.robot.limits.velocity)
+        excess = np.abs(self.dq) - np.maximum(fastest, _SLOW)
         i = int(excess.argmax())
         if excess[i] > 0:
             fast = f"{self.scheme.robot.joints[i]} at {self.dq[i]:.3g} rad/s"
