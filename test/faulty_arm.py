@@ -65,6 +65,7 @@ class Row(NamedTuple):
     q: Array
     dq: Array
     is_refused: bool
+    is_stopped: bool
     command: Array | None
 
 
@@ -302,7 +303,7 @@ class FaultyArm:
             command = command[: (1 + self.is_position) * self.arm.n]
             self._obey((self.t, stamp, *np.split(command, 1 + self.is_position)))
         about = self.t, self.life, stamp, self.t - measured, q, dq, self.product.is_refused
-        self.rows.append(Row(*about, command))
+        self.rows.append(Row(*about, self.is_stopped, command))
 
     def _obey(self, *commands):
         names = ("position", "velocity") if self.is_position else ("effort",)

@@ -199,7 +199,9 @@ def wrong_answers(run):
         if not is_next or any(last.t < t <= row.t for t in resumes):
             fast = math.inf
         elif last.command is not None and not row.is_refused and not it.is_position:
-            is_fast = (np.abs(row.dq) > np.maximum(1.5 * run.fastest, MOVES) + ROUNDING).any()
+            # what pushes a stopped arm knows no limit of its motion
+            fastest = it.arm.model.velocityLimit if row.is_stopped else run.fastest
+            is_fast = (np.abs(row.dq) > np.maximum(1.5 * fastest, MOVES) + ROUNDING).any()
             fast = min(fast, row.t) if is_fast else fast
         last = row
         if row.command is None:

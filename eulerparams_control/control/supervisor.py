@@ -24,9 +24,8 @@ from eulerparams_control.motion.spline import Poses
 
 # Speeds under efforts, as multiples of their limit, beyond which an arm runs away: one that moves,
 # and one that was to stop for the time [s].  What is measured is late, or the model is wrong, and
-# only the brakes of the robot can stop it.  The second limit is that of the robot, since what is
-# pushed swings, however slowly it is to move.  A joint that is slower than this [rad/s or m/s] does
-# not run away.
+# only the brakes of the robot can stop it.  A joint that is slower than this [rad/s or m/s] does not
+# run away.
 _RUNAWAY, _SWINGING, _HALTED, _SLOW = 1.5, 0.5, 0.5, 0.1
 
 # After a fault references are followed again when they have paused this long [s].
@@ -166,17 +165,15 @@ class Supervisor:
             if mode.is_runaway:
                 return
         if self.limiter.commands_efforts and self.limiter.limits is not None:
-            # what pushes an arm that was to stop knows nothing of the limits of its motion
+            # what pushes an arm that was to stop knows no limit of its motion
             limits = self.scheme.robot.limits if mode.is_halted else self.limiter.limits
             self._halted += state.dt if mode.is_halted else 0.0
             self._see_runaway(limits.velocity)
 
     def _see_runaway(self, limits: Array) -> None:
         """Release an arm with a joint that efforts have made too fast for its limit (n,)."""
-        fastest = _RUNAWAY * limits
-        if self._halted > _HALTED:
-            fastest = np.minimum(fastest, _SWINGING * self.scheme.robot.limits.velocity)
-        excess = np.abs(self.dq) - np.maximum(fastest, _SLOW)
+        most = _SWINGING if self._halted > _HALTED else _RUNAWAY
+        excess = np.abs(self.dq) - np.maximum(most * limits, _SLOW)
         i = int(excess.argmax())
         if excess[i] > 0:
             fast = f"{self.scheme.robot.joints[i]} at {self.dq[i]:.3g} rad/s"
