@@ -74,6 +74,8 @@ class Variant:
         faults: that happen in it; with some it is in real time.
         fault_seed: of what is random in them.
         real_time: whether it is in real time without faults, too, else in lock-step.
+        halt: [s] of simulated time when ~/halt of its first node is called; inf: it is not.
+        reports: whether /diagnostics is recorded in lock-step, too.
     """
 
     nodes: Parameters
@@ -86,6 +88,8 @@ class Variant:
     faults: tuple[Fault, ...] = ()
     fault_seed: int = 0
     real_time: bool = False
+    halt: float = math.inf
+    reports: bool = False
 
     @property
     def is_in_real_time(self) -> bool:
