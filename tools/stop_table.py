@@ -1,0 +1,54 @@
+"""The tables of docs/stops.md, from the runs of the experiments of stops.
+
+experiment stops stops_contact stops_pushed stops_wall stops_load --out out
+python tools/stop_table.py out
+"""
+
+import argparse
+from pathlib import Path
+
+from eulerparams_control import analysis
+from eulerparams_control.analysis.recording import Recording
+
+PLANTS = ("250", "500", "1000", "ideal")
+ARMS = ("ur5", "panda", "iiwa")
+HANDS = ("ur5_150n", "iiwa_150n", "panda_45n", "ur5_65n", "panda_65n", "iiwa_65n")
+LEANS = ((1.0, 1.8), (2.2, 3.0), (3.4, 4.2))  # [s] of the experiment stops
+
+
+def numbers(name: str, run: Recording) -> tuple[float, ...]:
+    """Return the numbers of a run of an experiment."""
+
+    def of(metric: str, **options: float) -> float:
+        return analysis.measure(metric, run, **options)
+
+    if name == "stops":
+        joints = max(of("peak_joint_speed", after=a, before=b) for a, b in LEANS)
+        return of("stop_way"), joints, of("stop_tip_speed")
+    if name == "stops_wall":
+        later, left = of("stop_joint_speed", since=0.3), of("stop_force", since=1.0)
+        return of("stop_speed_ratio"), later, left
+    if name == "stops_load":
+        return of("peak_position_error"), of("stop_way")
+    return of("stop_way"), of("stop_tip_speed")
+
+
+def main() -> None:
+    """Print them."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("runs", type=Path, help="the folder of the experiments")
+    given = parser.parse_args()
+    for name in ("stops", "stops_contact", "stops_pushed", "stops_wall", "stops_load"):
+        print(f"\n| `{name}` | 250 Hz | 500 Hz | 1000 Hz | ideal joints, 1000 Hz |")
+        print("| --- | --- | --- | --- | --- |")
+        for arm in HANDS if name in ("stops_contact", "stops_pushed") else ARMS:
+            row = [arm.replace("_", ", ").replace("0n", "0 N").replace("5n", "5 N")]
+            for plant in PLANTS:
+                bag = given.runs / name / f"{arm}_{plant}"
+                found = numbers(name, analysis.load(bag)) if bag.is_dir() else ()
+                row.append(", ".join(f"{number:#.2g}".rstrip(".") for number in found))
+            print(f"| {' | '.join(row)} |")
+
+
+if __name__ == "__main__":
+    main()
