@@ -30,13 +30,14 @@ class OperatorNode(Node):
     def __init__(self) -> None:
         super().__init__("operator")
         self.done = False
+        self._is_called = False
         self._at = round(1e9 * (p := declare(self, self.parameters_type)).at)
         self._client = self.create_client(Trigger, p.service)
         self.create_subscription(JointState, "joint_states", self._on_joint_states, QOS)
 
     def _on_joint_states(self, msg: JointState) -> None:
-        if self._at is not None and ns_from_ros(msg.header.stamp) >= self._at:
-            self._at = None
+        if not self._is_called and ns_from_ros(msg.header.stamp) >= self._at:
+            self._is_called = True
             self._client.call_async(Trigger.Request())
 
 
