@@ -124,6 +124,18 @@ def test_a_goal_out_of_reach_is_gone_to_without_swinging(way):
     assert arm.fault == ""
 
 
+def test_elbow_and_wrists_are_no_faster_than_max_link_speed_where_the_tip_only_turns():
+    fastest = []
+    for most in (math.inf, 0.05):
+        options = ControllerOptions(motion=LIMITS, max_link_speed=most)
+        arm = Driver(clik(limited=True, shape_motion=True), options=options, real=False)
+        arm.aim(moved(0.0, 0.8))
+        speeds = [UR5.link_speed(c.q, c.dq) for c in arm.run(4.0)]
+        fastest.append(max(speeds))
+    assert fastest[0] > 0.06
+    assert fastest[1] <= 0.05
+
+
 def slower(limits, **others):
     return replace(limits, velocity=0.02 * limits.velocity, **others)
 

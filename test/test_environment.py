@@ -20,6 +20,7 @@ from test_simulator import GRAVITY, HOLDING_TORQUE, MOTOR_SPEED, TORQUE, Model, 
 from eulerparams_control.errors import ConfigurationError, UnknownNameError
 from eulerparams_control.robot.catalogue import RobotDescription
 from sim_bridge.environment import read_environment
+from sim_bridge.environment.forces import SensorMotion
 from sim_bridge.environment.push import Push
 from sim_bridge.parameters import SimulatorParameters
 from sim_bridge.simulator import Simulator, SimulatorState
@@ -60,7 +61,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     },
     "push": {
         "force": [1, 2, 3], "moment": [0, 0, 1], "frame": "tool", "point": [0, 0, 0.1],
-        **TIMES, "ramp": 0.5,
+        **TIMES, "ramp": 0.5, "fall": 0.3, "fastest": 1.0,
     },
 }  # fmt: skip
 EXAMPLES = {shape: {"shape": shape, **keys} for shape, keys in EXAMPLES.items()}
@@ -187,7 +188,7 @@ def test_a_misspelt_key_is_refused_with_what_was_probably_meant(shape):
         (EXAMPLES["plane"] | {"damping": -1.0}, "expected a finite number of 0 or more [Ns/m]"),
         (EXAMPLES["push"] | {"frame": "tol"}, "environment.odd.frame: 'tol' (did you mean 'tool'?"),
         (EXAMPLES["push"] | {"end": 0.5}, "environment.odd: end is 0.5 s; expected it after start"),
-        (EXAMPLES["push"] | {"ramp": 1.1}, "of 1.1 s each, two ramps"),
+        (EXAMPLES["push"] | {"ramp": 1.8}, "start 1 s and the ramps, 1.8 s and 0.3 s"),
         (EXAMPLES["box"] | {"start": 3.0}, "end is 3 s; expected it after start 3 s"),
         (ENDLESS_PATH, "end is inf s; expected it after start 1 s and, of 0.5 s each, two ramps"),
         ({"shape": "push"}, "environment.odd: force and moment are both zero"),
@@ -279,6 +280,11 @@ def test_springs_and_pushes_move_the_arm_and_are_read_with_sign_axes_and_moment(
     sim.close()
 
 
+def test_a_push_that_falls_at_once_is_whole_until_its_end():
+    push = Push(force=(0, 0, 10.0), start=1.0, end=3.0, ramp=0.5, fall=0.0)
+    assert [push.share(t) for t in (1.0, 1.25, 1.5, 2.999)] == pytest.approx([0.0, 0.5, 1.0, 1.0])
+
+
 def test_a_push_rises_and_falls_smoothly_and_acts_from_start_to_end():
     push = Push(
         force=(0, 0, 10.0), moment=(0, 20.0, 0), frame="tool", start=0.01, end=0.05, ramp=0.01
@@ -291,6 +297,16 @@ def test_a_push_rises_and_falls_smoothly_and_acts_from_start_to_end():
     expected = np.concatenate((np.zeros(10), ramp, np.full(21, 10.0), ramp[:0:-1], np.zeros(10)))
     assert acting == pytest.approx(expected, abs=1e-6)
     assert np.abs(np.diff(acting)).max() < 1.6
+
+
+@pytest.mark.parametrize(("v", "left"), [(0.0, 1.0), (0.2, 0.6), (0.6, 0.0), (-0.2, 1.4)])
+def test_a_hand_pushes_less_the_faster_it_has_to_follow(v, left):
+    push = Push(force=(0, 0, 10.0), moment=(0, 1.0, 0), point=(0.1, 0, 0), fastest=0.5)
+    turns = SensorMotion(np.zeros(3), np.eye(3), np.zeros(3), np.array([0.0, -10 * v, 0.0]))
+    for moving in (turns._replace(v=np.array([1.0, 1.0, v]), omega=np.zeros(3)), turns):
+        f, mu = push.exerted(0.0, moving)
+        assert f == pytest.approx([0, 0, 10 * left])
+        assert mu == pytest.approx([0, 1.0 - left, 0])
 
 
 @pytest.mark.parametrize("shape", ["sphere", "box"])

@@ -293,6 +293,9 @@ def test_the_summary_takes_the_options_of_the_criterion_on_its_metric(tmp_path):
         (charted(log="z"), "chart: log: expected x, y or xy"),
         (changed(criteria=[{"below": 1}]), "a criterion needs a metric"),
         (criterion(metric="peak_speed"), "(did you mean 'peak_tip_speed'?); known: "),
+        (changed(halt=DURATION), "halt: expected a time before the end"),
+        (changed(halt=0.0, real_time=True), "halt needs a run in lock-step"),
+        (changed(reports=1), "reports: expected true or false"),
         (criterion(under=1), "unknown key of a criterion 'under'; known: above, below"),
         (criterion(variants=["third"]), "unknown variant in a criterion 'third'"),
         (criterion(below=None), "expected 'above' or 'below', a number"),
@@ -583,6 +586,31 @@ def test_experiments_that_cannot_run_or_diverge_without_leave_do_not_stop_the_ot
     assert "the node pybullet_bridge died with exit code 4" in page
     assert json.loads((tmp_path / "out/e2/summary.json").read_text())["met"]
     assert nodes_of(tmp_path) == []
+
+
+@pytest.mark.slow
+def test_a_run_is_halted_at_its_time_which_its_bag_tells(tmp_path):
+    bounds = [{"metric": "stop_time", "above": 0.1, "below": 0.3}]
+    content = changed(halt=0.1, reports=True, variants={"only": {}}, criteria=bounds)
+    process = run(tmp_path, str(write(tmp_path, content)))
+    assert process.end() == 0, process.log
+    assert json.loads((tmp_path / "out/short/summary.json").read_text())["met"] is True
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "variant"),
+    [
+        ("stops", "iiwa_500"),
+        ("stops_contact", "ur5_150n_500"),
+        ("stops_wall", "ur5_500"),
+        ("stops_load", "panda_500"),
+    ],
+)
+def test_a_stop_under_efforts_keeps_to_its_bounds(tmp_path, name, variant):
+    process = run(tmp_path, name, "--variant", variant)
+    assert process.end() == 0, process.log
+    assert json.loads((tmp_path / f"out/{name}/summary.json").read_text())["met"] is True
 
 
 # The tip goes 10 mm away from a spring that holds it back.

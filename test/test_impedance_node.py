@@ -334,6 +334,9 @@ def test_a_felt_wrench_refuses_activation_until_it_is_tared_or_gone(world):
     assert_close(arm.frame().p_d, pose(HOME)[0], LAW_IN_A_NODE)
 
     assert peer.change_state(NAME, "deactivate")
+    arm.sensor.bias = np.array([31.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    arm.send_next(24)
+    assert "at most max_tare_force 30 N" in answer()
     arm.sensor.bias = np.array([6.0, 0.0, 0.0, 0.0, 0.6, 0.0])
 
     def activated() -> bool:

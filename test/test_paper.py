@@ -29,6 +29,7 @@ from eulerparams_control.lab.experiments.model import (
 from eulerparams_control.lab.experiments.paper import (
     COMPARISON,
     MAPS,
+    STOPS,
     headline,
     number_of,
     paper_experiments,
@@ -66,7 +67,7 @@ def test_the_paper_is_E1_to_E21_in_their_order_and_then_what_goes_beyond_in_lock
     names = [experiment.name for experiment in paper_experiments()]
     assert names[:21] == [f"e{n}" for n in range(1, 22)]
     others = {"demo", "soak", "faults_clik", "faults_dynamic", "faults_impedance"}
-    assert set(names) == set(config_names("experiments")) - others - {*COMPARISON, *MAPS}
+    assert set(names) == set(config_names("experiments")) - others - {*COMPARISON, *MAPS, *STOPS}
     assert [number_of(load_experiment(name)) for name in ("e7", "robots")] == ["E7", ""]
 
 

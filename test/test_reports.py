@@ -22,6 +22,7 @@ from synthetic_runs import (
 from eulerparams_control.analysis.digest import Digest
 from eulerparams_control.analysis.loading import load
 from eulerparams_control.analysis.page import write_page
+from eulerparams_control.analysis.quantities import measure
 from eulerparams_control.bags import Bag
 from eulerparams_control.bags.format import BagFlaw
 from eulerparams_control.bags.reader import RawMessage
@@ -101,6 +102,28 @@ def test_the_first_fault_of_each_node_that_stopped_the_arm_is_the_first_warning(
     found = [warning for warning in run.warnings if warning.kind is BagFlaw.STOPPED]
     assert [warning.text for warning in found] == stops
     assert run.warning.startswith("; ".join(stops))
+
+
+def test_what_an_arm_does_after_it_was_stopped_counts_from_there(tmp_path):
+    q = [0.001 * min(k, 60) for k in range(STATES)]  # at rest from 0.6 s on
+    speeds = [0.1 * (k < 60) for k in range(STATES)]
+    plain = write_run(tmp_path / "plain", q, speeds=speeds)
+    assert measure("stop_way", load(plain)) == np.inf
+    halted = saying(0.3, "clik", ERROR, "halted", stopping("stopped", "halt"))
+    blocked = saying(0.5, "clik", ERROR, "blocked", stopping("stopped", "not_following"))
+    messages = sorted([*Bag(plain).read_raw(), halted, blocked], key=lambda one: one.log_time)
+    run = load(write_messages(tmp_path / "run", topics_of(plain), messages))
+    assert run.stopped == pytest.approx(0.3)
+    assert measure("stop_time", run) == run.stopped
+    assert measure("stop_time", run, cause="not_following") == pytest.approx(0.5)
+    assert measure("stop_time", run, cause="runaway") == np.inf
+    chord = 1e3 * np.linalg.norm(run.measured.p_e[60] - run.measured.p_e[30])
+    assert measure("stop_way", run) == pytest.approx(chord)
+    assert measure("stop_way", run, lasting=0.1) < chord / 2
+    assert measure("stop_joint_speed", run) == pytest.approx(0.1)
+    assert measure("stop_joint_speed", run, since=0.35) == 0.0
+    assert measure("stop_speed_ratio", run) == pytest.approx(1.0)
+    assert measure("stop_tip_speed", run, since=0.35) == 0.0
 
 
 @pytest.mark.parametrize("late", ["", "clik", "fault_injector"])

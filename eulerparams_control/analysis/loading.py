@@ -348,6 +348,7 @@ class _Reader:
             before=before,
             began=int(self._states.stamp[0]),
             reports=reports.reports,
+            stopped=reports.stopped,
             **fields,
         )
 

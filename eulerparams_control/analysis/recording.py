@@ -6,6 +6,7 @@
 Needs no ROS.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -122,6 +123,7 @@ class Recording(RecordedRun):
         before: displacements, by representation, before the first instant that is looked at.
         began: [ns] stamp of the first joint_states of the recording.
         reports: of its nodes.
+        stopped: [s] when they stopped the arm, first, as they reported; inf if they did not.
         shaped: from ~/desired; None if there is none.
     """
 
@@ -135,6 +137,7 @@ class Recording(RecordedRun):
     before: Mapping[str, Any] = field(default_factory=dict, repr=False)
     began: int = 0
     reports: Sequence[Report] = ()
+    stopped: float = math.inf
     shaped: ShapedMotion | None = None
 
     @property

@@ -60,11 +60,13 @@ class RunReports(NamedTuple):
         rates: (K, 4) as the controller reported: time [s], rate of time, slowest rate of its
             trajectory, saturated ticks.
         delayed: when [s] a motion came later than it was sent to be, first; inf if none did.
+        stopped: when [s] the arm was stopped, first; inf if it was not.
     """
 
     reports: list[Report]
     rates: Array
     delayed: float
+    stopped: float
 
 
 type Statuses = Sequence[tuple[int, Any]]
@@ -88,11 +90,13 @@ def run_reports(
     sent, t = sent[order], t[order]
     start = start if start > 0 else -math.inf
     last: dict[str, Report] = {}
-    new, ran, waits = [], [], math.inf
+    new, ran, waits, stops = [], [], math.inf, math.inf
     for at, status in statuses:
         values = {value.key: value.value for value in status.values}
         if _waits(values):
             waits = min(waits, at)
+        if values.get(MODE) in _STOPS:
+            stops = min(stops, at)
         if controller and status.name.strip("/") == controller:
             with suppress(ValueError):
                 rates = values.get(PACE, 1), values.get(SLOWED, 1), values.get(SATURATED, 0)
@@ -108,7 +112,7 @@ def run_reports(
     return RunReports(
         sorted(earlier.values()) + inside,
         speeds[(speeds[:, 0] >= start) & (speeds[:, 0] <= end)],
-        _time(int(waits), sent, t) if waits <= sent[-1] else math.inf,
+        *(_time(int(at), sent, t) if at <= sent[-1] else math.inf for at in (waits, stops)),
     )
 
 

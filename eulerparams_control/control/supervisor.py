@@ -24,8 +24,8 @@ from eulerparams_control.motion.spline import Poses
 
 # Speeds under efforts, as multiples of their limit, beyond which an arm runs away: one that moves,
 # and one that was to stop for the time [s].  What is measured is late, or the model is wrong, and
-# only the brakes of the robot can stop it.  A joint that is slower than this [rad/s or m/s] does not
-# run away.
+# only the brakes of the robot can stop it.  A joint that is slower than this [rad/s or m/s] does
+# not run away.
 _RUNAWAY, _SWINGING, _HALTED, _SLOW = 1.5, 0.5, 0.5, 0.1
 
 # After a fault references are followed again when they have paused this long [s].

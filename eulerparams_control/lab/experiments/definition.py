@@ -12,6 +12,8 @@
     faults: []                    # what goes wrong, and when: see ``faulty``
     real_time: false              # whether it is in real time without faults, too
     ideal_joints: false           # true: the simulated joints have neither rotors nor friction
+    halt: 1.0                     # [s] when ~/halt is called, in lock-step
+    reports: false                # whether /diagnostics is recorded in lock-step, too
     nodes:                        # parameters of each node, by executable
       clik: {k_Po: 100.0}
     variants:                     # what each run changes: of the nodes, or of the keys above
@@ -152,8 +154,12 @@ def _check_run(where: str, run: dict[str, Any]) -> None:
     require(positive, f"{where}: duration must be > 0 and finite")
     known("controller", run.get("controller", Variant.controller), CONTROLLERS)
     require(isinstance(run.get("robot", ""), str), f"{where}: robot: expected a name or a path")
-    for key in ("start_at_reference", "may_diverge", "real_time", "ideal_joints"):
+    for key in ("start_at_reference", "may_diverge", "real_time", "ideal_joints", "reports"):
         require(isinstance(run.get(key, False), bool), f"{where}: {key}: expected true or false")
+    halt, is_real = run.get("halt", 0.0), run.get("real_time") or run.get("faults")
+    is_time = is_number(halt) and 0 <= halt < duration
+    require(is_time, f"{where}: halt: expected a time before the end, in s")
+    require(not (is_real and "halt" in run), f"{where}: halt needs a run in lock-step")
     seed = run.get("fault_seed", 0)
     is_seed = isinstance(seed, int) and not isinstance(seed, bool) and 0 <= seed < 2**31
     require(is_seed, f"{where}: fault_seed: expected a whole number from 0 to {2**31 - 1}")

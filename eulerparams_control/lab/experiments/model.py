@@ -75,6 +75,8 @@ class Variant:
         fault_seed: of what is random in them.
         real_time: whether it is in real time without faults, too, else in lock-step.
         ideal_joints: whether the simulated joints have neither rotors nor friction.
+        halt: [s] of simulated time when ~/halt of its first node is called; inf: it is not.
+        reports: whether /diagnostics is recorded in lock-step, too.
     """
 
     nodes: Parameters
@@ -88,6 +90,8 @@ class Variant:
     fault_seed: int = 0
     real_time: bool = False
     ideal_joints: bool = False
+    halt: float = math.inf
+    reports: bool = False
 
     @property
     def is_in_real_time(self) -> bool:

@@ -33,6 +33,11 @@ COMPARISON = (
 MAPS = ("map_failure", "map_set_points", "map_stiffness")
 """The experiments over all directions of the tool axis."""
 
+STOPS = (
+    *("stops", "stops_contact", "stops_pushed", "stops_wall", "stops_load", "stops_admittance"),
+)
+"""The experiments of stops under efforts: many arms, joints and rates."""
+
 _OTHERS = 92  # characters of the columns beside the claim
 
 
@@ -45,7 +50,9 @@ def number_of(experiment: Experiment) -> str:
 def paper_experiments() -> list[Experiment]:
     """Return the experiments of the paper's claims in their order, then those beyond it."""
     names = [
-        name for name in config_names("experiments") if name not in (_DEMO, *COMPARISON, *MAPS)
+        name
+        for name in config_names("experiments")
+        if name not in (_DEMO, *COMPARISON, *MAPS, *STOPS)
     ]
     experiments = [e for e in map(load_experiment, names) if not _is_in_real_time(e)]
     return sorted(experiments, key=lambda e: (not number_of(e), int(number_of(e)[1:] or 0)))

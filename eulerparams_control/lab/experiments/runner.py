@@ -43,6 +43,8 @@ from eulerparams_control.robot.robot import Robot
 
 _FROM_ROBOT = ("/joint_states", "/wrench")
 
+_OPERATOR = "eulerparams_control.lab.operator_node"
+
 _STALL_TIMEOUT = 60.0  # [s] without progress of the simulation
 
 _TURN = math.radians(30)  # of the tip in one step of the inverse kinematics: it keeps its branch
@@ -78,6 +80,7 @@ def making_of(settings: Variant, parameters: Parameters) -> Making:
     """Return what a run of a variant is made of, whose nodes have these parameters."""
     of = settings
     said = [parameters, of.duration, of.controller, of.may_diverge, *map(str, of.faults)]
+    said += ["reports"] * of.reports
     return Making.of(said, of.robot, bool(of.faults))
 
 
@@ -141,8 +144,10 @@ def _record(
     names = [RECORDER, *controller.executables, BRIDGE, "reference"]
     others: Mapping[str, Mapping[str, str]]
     others = {node.executable: node.remaps for node in controller.nodes}
-    if settings.is_in_real_time:
+    if settings.is_in_real_time or settings.reports:
         topics.insert(0, "/diagnostics")
+    if _OPERATOR in parameters:
+        names.insert(1, _OPERATOR)
     if settings.faults:
         topics.insert(0, FAULTY + controller.command)
         names.insert(1, INJECTOR)
@@ -222,11 +227,15 @@ def node_parameters(settings: Variant) -> Parameters:
     parameters[BRIDGE] = {"control": controller.control, source: settings.robot}
     if is_lockstep:  # it waits for all that listen to the arm: reference and the recorder, too
         parameters[BRIDGE] |= {"mode": "lockstep", "duration": settings.duration}
-        parameters[BRIDGE] |= {"wait_for_subscribers": len(controller.nodes) + 2}
+        listeners = len(controller.nodes) + 2 + (settings.halt < math.inf)
+        parameters[BRIDGE] |= {"wait_for_subscribers": listeners}
     else:  # until it is stopped
         parameters[BRIDGE] |= {"mode": "realtime", "rate": _RATE}
     if settings.ideal_joints:
         parameters[BRIDGE] |= _IDEAL
+    if settings.halt < math.inf:
+        halt = f"/{controller.nodes[0].name}/halt"
+        parameters[_OPERATOR] = {"service": halt, "at": settings.halt}
     if settings.faults:
         parameters[INJECTOR] = injector_parameters(settings)
     parameters = {

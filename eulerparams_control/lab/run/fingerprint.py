@@ -13,6 +13,7 @@ _ROOT = Path(__file__).resolve().parents[3]
 _PACKAGES = ("eulerparams_control", "sim_bridge")
 _PARTS = ("*.py", "analysis/assets/*", "analysis/templates/*")  # of code and pages
 _BESIDE = {"analysis", "live", "lab"}  # the rooms that no node of a run needs
+_IN_RUNS = ("lab/as_shipped", "lab/operator_node.py")  # but these that are in them
 _LIBRARIES = ("pin", "pybullet", "pybullet-arm64", "numpy")  # what calculates the numbers of a run
 
 
@@ -30,7 +31,7 @@ def code_of_runs(faulty: bool = False) -> str:
         faulty: whether they are runs with faults, in which one more node acts.
     """
     of_faults = ["lab/faults.py", "lab/fault_injector_node.py"] if faulty else []
-    beside = {_ROOT / _PACKAGES[0] / path for path in ("lab/as_shipped", *of_faults)}
+    beside = {_ROOT / _PACKAGES[0] / path for path in (*_IN_RUNS, *of_faults)}
     return version(
         path
         for path in _files("*.py")
