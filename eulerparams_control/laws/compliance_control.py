@@ -284,7 +284,7 @@ class ComplianceControl(EffortControl):
         return force
 
     def end_force(self) -> bool:
-        """Take the force back at its rate; return False: the arm need not be held where it ends."""
+        """Take the force back at its rate; return whether the arm has to be held: it need not."""
         self._wanted = _NO_FORCE
         return False
 

@@ -137,7 +137,7 @@ class ImpedanceControl(Scheme):
         return exerted
 
     def end_force(self) -> bool:
-        """Return whether a force is exerted, which ends where the arm is held: that is to come."""
+        """Return whether the arm has to be held: only that ends a force that it exerts."""
         return self.force.is_on
 
     @property
