@@ -180,8 +180,8 @@ def too_slow(period: float, gain: LoopGain, *, is_held: bool) -> Why:
 def blind(period: float, rate: float) -> Why:
     """Return what an arm is not safe from whose states come every period [s]."""
     return Why(
-        remedy=f"let the driver publish {rate:.3g} times a second or more, or set rotor_inertia where "
-        "the rotors are known",
+        remedy=f"let the driver publish {rate:.3g} times a second or more, or set rotor_inertia "
+        "where the rotors are known",
         note=f"joint_states come {1 / period:.3g} times a second: until the next one comes a hand "
         "that leaned on the arm with a fifth of what its joints hold, and lets go, may make the "
         "tip faster than max_linear_speed",
