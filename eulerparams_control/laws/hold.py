@@ -17,9 +17,11 @@ from eulerparams_control.laws.limits import JointLimits, factor_within
 from eulerparams_control.laws.rotations import Array, dot, norm
 from eulerparams_control.robot.robot import DynamicState
 
-# Least force [N] of a contact: as it is measured; as it is estimated, for a tip at rest, and for
-# one that is faster than this [m/s], which may feel the friction of its joints.
-_MEASURED, _ESTIMATED, _ESTIMATED_IN_MOTION, _AT_REST = 10.0, 20.0, 60.0, 0.05
+# Least force [N] of a contact: as it is measured; as it is estimated, for a tip at rest, for one that
+# it pushes on, and for one that it resists, which may feel the friction of its joints.  A tip that is
+# slower than this [m/s] is at rest.
+_MEASURED, _ESTIMATED, _ESTIMATED_PUSH, _ESTIMATED_IN_MOTION = 10.0, 20.0, 30.0, 60.0
+_AT_REST = 0.05
 # A person leans on an arm with this part of what its joints hold.
 _LEANING_PART = 0.2
 # A joint is held by its effort limit where it deviates by this [rad or m].
@@ -86,7 +88,7 @@ class ContactWork(NamedTuple):
     ) -> "ContactWork":
         """Return the work after dt [s] in which a force (3,) [N] acted on the tip."""
         size = norm(force)
-        if size < least_contact(is_measured, dp_e):
+        if size < least_contact(is_measured, dp_e, force):
             left = math.exp(-dt / _FORGET_TIME)
             return ContactWork(left * self.driven, left * self.pushed)
         driven, drives, pushes = self.driven, -dot(force, dp_d), dot(force, dp_e)
@@ -161,7 +163,7 @@ class JointHold:
         self._swing = _Swing(n)
         force = self._force(state, e)
         # [N] that a tip in motion may feel of its joints' friction already
-        is_friction = w is None and not drove_in and norm(dp_e) > _AT_REST
+        is_friction = w is None and not drove_in and dot(force, dp_e) <= -_AT_REST * norm(force)
         self._friction_force = norm(force) if is_friction else 0.0
         if self._touches(dp_e, force):
             self._hold_at(state.arm.q)  # a braking path would go on into it
@@ -288,7 +290,8 @@ class JointHold:
         self._dq_b = self._ddq_b = np.zeros_like(q)
 
     def _touches(self, dp_e: Array, force: Array) -> bool:
-        return norm(force) > least_contact(self._w is not None, dp_e) + self._friction_force
+        least = least_contact(self._w is not None, dp_e, force)
+        return norm(force) > least + self._friction_force
 
     def _force(self, state: DynamicState, e: Array) -> Array:
         return contact_force(state.arm.J, e, self._length) if self._w is None else self._w[:3]
@@ -321,11 +324,13 @@ class _Swing:
         return is_swinging
 
 
-def least_contact(is_measured: bool, dp_e: Array) -> float:
-    """Return the least force [N] that is a contact, of a tip at dp_e (3,) [m/s]."""
+def least_contact(is_measured: bool, dp_e: Array, force: Array) -> float:
+    """Return the least force [N] that is a contact, of a force (3,) on a tip at dp_e (3,) [m/s]."""
     if is_measured:
         return _MEASURED
-    return _ESTIMATED_IN_MOTION if norm(dp_e) > _AT_REST else _ESTIMATED
+    if norm(dp_e) < _AT_REST:
+        return _ESTIMATED
+    return _ESTIMATED_PUSH if dot(force, dp_e) > 0.0 else _ESTIMATED_IN_MOTION
 
 
 def contact_force(J: Array, e: Array, length: float) -> Array:
