@@ -40,7 +40,7 @@ TIP = np.array([[0.25, 1.0], [1.0, 4.0], [20.0, 80.0]])  # speed, acceleration, 
 # force [N] in motion: what is estimated is taken for friction; [s] for which a leader has to pause.
 GIVES_WAY, IN_CONTACT, PAUSES = 0.010, {True: (0.010, 10.0), False: (0.020, math.inf)}, 0.5
 LATEST = {True: 0.05, False: 0.03}  # max_latency [s] of positions, and of efforts
-ROUNDING, HERE, MOVES = 1e-9, 1e-6, 0.1  # [s], [rad], [rad/s]
+ROUNDING, HERE, MOVES, PUSHED = 1e-9, 1e-6, 0.1, 2.0  # [s], [rad], [rad/s]
 
 
 class Sequence:
@@ -199,9 +199,8 @@ def wrong_answers(run):
         if not is_next or any(last.t < t <= row.t for t in resumes):
             fast = math.inf
         elif last.command is not None and not row.is_refused and not it.is_position:
-            # what pushes a stopped arm knows no limit of its motion
-            fastest = it.arm.model.velocityLimit if row.is_stopped else run.fastest
-            is_fast = (np.abs(row.dq) > np.maximum(1.5 * fastest, MOVES) + ROUNDING).any()
+            least = PUSHED if row.is_stopped else MOVES  # what pushes knows no limit of a motion
+            is_fast = (np.abs(row.dq) > np.maximum(1.5 * run.fastest, least) + ROUNDING).any()
             fast = min(fast, row.t) if is_fast else fast
         last = row
         if row.command is None:

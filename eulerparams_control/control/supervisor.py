@@ -25,8 +25,8 @@ from eulerparams_control.motion.spline import Poses
 # Speeds under efforts, as multiples of their limit, beyond which an arm runs away: one that moves,
 # and one that was to stop for the time [s].  What is measured is late, or the model is wrong, and
 # only the brakes of the robot can stop it.  A joint that is slower than this [rad/s or m/s] does
-# not run away.
-_RUNAWAY, _SWINGING, _HALTED, _SLOW = 1.5, 0.5, 0.5, 0.1
+# not run away, nor one of a stopped arm, which may be pushed, that is slower than the last.
+_RUNAWAY, _SWINGING, _HALTED, _SLOW, _PUSHED = 1.5, 0.5, 0.5, 0.1, 2.0
 
 # After a fault references are followed again when they have paused this long [s].
 _PAUSE = 0.5
@@ -165,15 +165,17 @@ class Supervisor:
             if mode.is_runaway:
                 return
         if self.limiter.commands_efforts and self.limiter.limits is not None:
-            # what pushes an arm that was to stop knows no limit of its motion
-            limits = self.scheme.robot.limits if mode.is_halted else self.limiter.limits
             self._halted += state.dt if mode.is_halted else 0.0
-            self._see_runaway(limits.velocity)
+            self._see_runaway(self.limiter.limits.velocity)
 
     def _see_runaway(self, limits: Array) -> None:
         """Release an arm with a joint that efforts have made too fast for its limit (n,)."""
         most = _SWINGING if self._halted > _HALTED else _RUNAWAY
-        excess = np.abs(self.dq) - np.maximum(most * limits, _SLOW)
+        fastest = np.maximum(most * limits, _SLOW)
+        if self.state.is_halted:  # what pushes it knows no limit of its motion
+            robot = self.scheme.robot.limits.velocity
+            fastest = np.minimum(np.maximum(fastest, _PUSHED), most * robot)
+        excess = np.abs(self.dq) - fastest
         i = int(excess.argmax())
         if excess[i] > 0:
             fast = f"{self.scheme.robot.joints[i]} at {self.dq[i]:.3g} rad/s"

@@ -36,7 +36,8 @@ class OperatorNode(Node):
         self.create_subscription(JointState, "joint_states", self._on_joint_states, QOS)
 
     def _on_joint_states(self, msg: JointState) -> None:
-        if not self._is_called and ns_from_ros(msg.header.stamp) >= self._at:
+        is_due = not self._is_called and ns_from_ros(msg.header.stamp) >= self._at
+        if is_due and self._client.service_is_ready():
             self._is_called = True
             self._client.call_async(Trigger.Request())
 

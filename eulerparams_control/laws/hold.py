@@ -17,9 +17,9 @@ from eulerparams_control.laws.limits import JointLimits, factor_within
 from eulerparams_control.laws.rotations import Array, dot, norm
 from eulerparams_control.robot.robot import DynamicState
 
-# Least force [N] of a contact: as it is measured; as it is estimated, for a tip at rest, for one that
-# it pushes on, and for one that it resists, which may feel the friction of its joints.  A tip that is
-# slower than this [m/s] is at rest.
+# Least force [N] of a contact: as it is measured; as it is estimated, for a tip at rest, for one
+# that it pushes on, and for one that it resists, which may feel the friction of its joints.  A tip
+# that is slower than this [m/s] is at rest.
 _MEASURED, _ESTIMATED, _ESTIMATED_PUSH, _ESTIMATED_IN_MOTION = 10.0, 20.0, 30.0, 60.0
 _AT_REST = 0.05
 # A person leans on an arm with this part of what its joints hold.
@@ -269,7 +269,7 @@ class JointHold:
         arm = state.arm
         v = self._retreat.velocity(dt, arm.dp_e, force)
         if v is None:
-            self._drove_in = self._drove_in and norm(force) < _CLAMP_FORCE
+            self._drove_in = False
             self._hold_at(arm.q)
             return
         dq_b = _speeds(arm.J, self._length) @ v

@@ -161,7 +161,7 @@ class ImpedanceControl(Scheme):
         if self.force.is_on and not is_same:
             raise ConfigurationError("force_axes cannot change while target_wrench is followed")
         self.motion.change(parameters)
-        self.loop_rate = self.motion.loop_rate
+        self.loop_rate, self.release_rate = self.motion.loop_rate, self.motion.release_rate
         self.compliant.tank = parameters.stiffness_energy
         self.compliant.change(law)
         if (frame := self.compliant.now) is not None:

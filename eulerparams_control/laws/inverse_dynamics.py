@@ -18,7 +18,7 @@ from eulerparams_control.laws.inverse import DampedInverse
 from eulerparams_control.laws.jit import b1, jit, new_vector, types, vector
 from eulerparams_control.laws.limits import SHORTEST, JointLimits, factor_within
 from eulerparams_control.laws.orientation import OrientationRepresentation
-from eulerparams_control.laws.rotations import Array, norm
+from eulerparams_control.laws.rotations import Array
 from eulerparams_control.laws.scheme import Bounds, JointCommand, Scheme, Tick, refuse_error
 from eulerparams_control.motion.frames import DesiredFrame
 from eulerparams_control.robot.robot import DynamicState, Robot, RobotState
@@ -33,6 +33,9 @@ _DRIFT_TIME, _OBSERVER_RATE = 0.005, 100.0
 # The reported efforts at rest differ from the model by this part of the weight, and this part of
 # the effort limits, at most: friction, and a payload.
 _MODEL_PART, _LIMIT_PART = 0.3, 0.03
+
+# Efforts [Nm or N] that a robot reports: where all are smaller it has none, its brakes hold it.
+_NOISE_EFFORT = 0.01
 
 # Square [Nm^2] of the external efforts below which the arm touches nothing.
 _NO_EFFORT = 1.0
@@ -108,6 +111,7 @@ class EffortControl(Scheme):
         """Go over to other parameters, without a jump of the command."""
         orientation = self.orientation
         self._take(parameters)
+        self._see_release()
         if self.orientation != orientation:
             self._forget_x()  # it means nothing to another representation
         if not self._saturated:  # else its acceleration is not that of the arm: nothing to blend
@@ -152,8 +156,11 @@ class EffortControl(Scheme):
         self._hold: JointHold | None = None
         self._home = q.copy()
         self._leave_the_law(self._home)
+        self._see_release()
+
+    def _see_release(self) -> None:
         if self._motion is not None:
-            state, limit = self.robot.dynamic_state(q, self._zero), self.robot.limits.effort
+            state, limit = self.robot.dynamic_state(self._q, self._zero), self.robot.limits.effort
             self.release_rate = release_rate(state, limit, self._motion.linear_speed)
 
     def _leave_the_law(self, q: Array) -> None:
@@ -320,8 +327,9 @@ def cut_from(base: Array, tau: Array, most: Array) -> tuple[Array, bool]:
 
 def believed(effort: Array | None, parameters: "EffortParameters") -> Array | None:
     """Return efforts (n,) that a robot reports, if they are those of its joints."""
-    is_known = effort is not None and np.isfinite(effort).all() and effort.any()
-    return effort if is_known and parameters.effort_feedback else None
+    if effort is None or not np.isfinite(effort).all() or (np.abs(effort) < _NOISE_EFFORT).all():
+        return None
+    return effort if parameters.effort_feedback else None
 
 
 def refuse_mismatch(
@@ -343,15 +351,15 @@ def refuse_mismatch(
             f"{_listed(limits)} Nm: it would fall"
         )
     reported = believed(effort, parameters)
-    if reported is None:
+    if reported is None or not parameters.compensate_gravity:  # some report that of gravity, too
         return
-    expected = g if parameters.compensate_gravity else np.zeros(robot.n)
-    most = _MODEL_PART * norm(g) + _LIMIT_PART * norm(limits[np.isfinite(limits)])
-    if norm(reported - expected) > most:
+    most = _MODEL_PART * np.linalg.norm(g)
+    most += _LIMIT_PART * np.linalg.norm(limits[np.isfinite(limits)])
+    if np.linalg.norm(reported - g) > most:
         raise ModelError(
             f"the robot reports efforts of {_listed(reported)} Nm at {joints}; expected "
-            f"{_listed(expected)} Nm, which hold its weight by the URDF: does the tool touch "
-            "something? does the driver report other quantities (then set effort_feedback: false)?"
+            f"{_listed(g)} Nm, which hold its weight by the URDF: does the tool touch something? "
+            "does the driver report other quantities (then set effort_feedback: false)?"
         )
 
 

@@ -298,7 +298,8 @@ class ImpedanceParameters(
         """
         late = self.servo_lag + self.servo_delay
         force = _IMPACT_PART * self.max_contact_force
-        return force / (self.stiffest_contact * late) if late > 0.0 else math.inf
+        is_bound = late > 0.0 and force > 0.0
+        return force / (self.stiffest_contact * late) if is_bound else math.inf
 
     def motion_limits(self) -> MotionLimits | None:
         """Return the limits of the tip, which is no faster than ``impact_speed``."""
