@@ -42,7 +42,6 @@ RUBBED = 0.02, 0.2  # [m], [rad] that friction keeps an arm away from where it i
 FASTEST_HAND = 1.0  # [m/s] at which a hand that follows the tip exerts nothing any more
 # What textbook joints lack, and what they are.
 REAL = {"friction_viscous": (1.0,), "friction_coulomb": (0.5,), "rotor_inertia": (0.1,)}
-IDEAL = dict.fromkeys(REAL, (0.0,))
 
 
 class Fault(NamedTuple):

@@ -8,6 +8,8 @@ from eulerparams_control.robot.catalogue import load_robot
 from sim_bridge.simulator import Simulator, SimulatorParameters
 
 MS = 1_000_000  # [ns]
+# Parameters of the simulator for joints as the equations have them.
+IDEAL = dict.fromkeys(("rotor_inertia", "friction_viscous", "friction_coulomb"), (0.0,))
 
 
 def frames_of(name):

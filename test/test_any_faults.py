@@ -12,7 +12,8 @@ import sys
 
 import numpy as np
 import pytest
-from faulty_arm import AT_REST, IDEAL, REAL, TIMEOUT, Fault, FaultyArm, along
+from faulty_arm import AT_REST, REAL, TIMEOUT, Fault, FaultyArm, along
+from simulated import IDEAL
 from yardstick import LAWS, REPRESENTATIONS, SEED, arm_named, turn
 
 SEEDS, FEW, AT_ONCE = 300, 20, 20

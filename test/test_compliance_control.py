@@ -14,7 +14,7 @@ from representations import every_representation, make
 from ros_processes import Controlled, pose, values, wrench_stamped
 from samples import about, generator, positive_definite, turn_of, uniform, unit_vectors
 from sensor_msgs.msg import JointState
-from simulated import Simulated, frames_of
+from simulated import IDEAL, Simulated, frames_of
 from tolerances import (
     DAMPING_RATIO,
     FORCE_IN_CONTACT,
@@ -249,7 +249,7 @@ class Blocked(Simulated):
         wall = {"shape": "plane", "position": position, "damping": 200.0, "end": seconds,
                 "orientation": [0.5**0.5, 0.0, 0.0, 0.5**0.5], "stiffness": 2e4}  # fmt: skip
         solids = {"tool_shape": "sphere", "tool_size": [0.01], "environment": {"wall": wall}}
-        super().__init__(name, self.parameters, rate=rate, **solids)
+        super().__init__(name, self.parameters, rate=rate, **solids, **IDEAL)
         self.end = self.start._replace(p_d=self.start.p_d + [0.0, 0.3, 0.0])
         self.controller.follow(Trajectory([0.0, 3.0], [self.start, self.end]), None)
         self.speeds, self.forces = [], []

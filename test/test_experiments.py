@@ -546,6 +546,7 @@ DIVERGING: dict[str, Any] = {
     "controller": "dynamic_control",
     "duration": DURATION,
     "may_diverge": True,
+    "ideal_joints": True,  # rotors would damp it
     "dynamic_control": {"k_Vp": 1e4, "k_Vo": 1e4, "enforce_limits": False},
     "pybullet_bridge": NOISE | {"enforce_limits": False},
     "reference": T1,

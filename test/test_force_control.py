@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from arms import pose_of, robot_named
 from samples import positive_definite, uniform
-from simulated import Simulated, frames_of
+from simulated import IDEAL, Simulated, frames_of
 from test_contact_watch import LOOPS, START, Admittance, wall
 from tolerances import ALGEBRAIC, assert_close
 
@@ -49,7 +49,7 @@ class Pressing(Simulated):
             "damping": 5e-4 * stiffness,
         }
         simulated = {"tool_shape": "sphere", "tool_size": (BALL,), "environment": {"wall": wall}}
-        simulated |= {"noise_force": noise, "rate": rate, "each": 1000 // rate}
+        simulated |= {"noise_force": noise, "rate": rate, "each": 1000 // rate, **IDEAL}
         given = ImpedanceParameters(**frames_of(name), max_approach_speed=SPEED, **parameters)
         super().__init__(name, given, **simulated)
         self.sensor = self.robot.placement(self.robot.tip_frame)

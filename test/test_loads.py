@@ -117,8 +117,16 @@ def test_an_arm_whose_efforts_contradict_the_model_is_not_activated():
         arm.refuse(on_a_wall)
     Mounted(effort_feedback=False).refuse(on_a_wall)
     Mounted(gravity=(-G, 0.0, 0.0)).refuse(on_a_wall)
-    with pytest.raises(ModelError, match="expected"):
-        Mounted(compensate_gravity=False).refuse(arm.weight())
+    for joint in range(6):  # one of them alone
+        with pytest.raises(ModelError, match="hold its weight"):
+            arm.refuse(arm.weight() + 60.0 * np.eye(6)[joint])
+
+
+def test_of_an_arm_that_compensates_its_weight_or_is_held_by_its_brakes_no_effort_is_compared():
+    arm = Mounted()
+    for reported in (np.zeros(6), arm.weight(), -arm.weight()):
+        Mounted(compensate_gravity=False).refuse(reported)
+    arm.refuse(np.full(6, 1e-3))
 
 
 def test_an_arm_that_cannot_bear_its_weight_is_not_activated():

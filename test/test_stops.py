@@ -108,6 +108,11 @@ def test_what_an_arm_drove_into_is_let_go_and_no_joint_is_flung_by_the_stop(arm,
         assert np.max(leaning.joints[-1]) < RESTS
         assert np.linalg.norm(leaning.touched) < CLAMPED
         assert leaning.mode is Mode.STOPPED
+        hand = leaning.force = Hand(-axis)  # of a person who takes the place of the wall
+        leaning.run(0.5)
+        leaning.forget()
+        hand.grow(leaning, min(LEANS, PUSHES[arm]))
+        assert leaning.gave_way < GIVES_WAY
 
 
 def test_a_load_that_was_lifted_and_that_nobody_declared_is_held_and_not_let_go():
