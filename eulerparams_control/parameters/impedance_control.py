@@ -182,7 +182,8 @@ class ImpedanceParameters(
     )
     servo_lag: float = parameter(
         0.0,
-        "with which the arm follows compliant_frame, to be stable on stiffest_contact; 0: prompt",
+        "with which the arm follows compliant_frame, to be stable on stiffest_contact; 0: prompt; "
+        "the later it follows, the slower it moves: no impact exceeds 0.65 of max_contact_force",
         unit="s",
         bounds=(0.0, 1.0),
         live=True,
