@@ -200,8 +200,8 @@ def wrong_answers(run):
         if not is_next or any(last.t < t <= row.t for t in resumes):
             fast = math.inf
         elif last.command is not None and not row.is_refused and not it.is_position:
-            least = PUSHED if row.is_stopped else MOVES  # what pushes knows no limit of a motion
-            is_fast = (np.abs(row.dq) > np.maximum(1.5 * run.fastest, least) + ROUNDING).any()
+            slow = PUSHED if row.is_stopped else MOVES  # what pushes knows no limit of a motion
+            is_fast = (np.abs(row.dq) > np.maximum(1.5 * run.fastest, slow) + ROUNDING).any()
             fast = min(fast, row.t) if is_fast else fast
         last = row
         if row.command is None:

@@ -76,7 +76,7 @@ class TargetWrench:
                 f"the arm is {controller.mode}: a force is exerted while it holds or follows; "
                 "send a reference, or call ~/resume, first"
             )
-        if breaks != self._breaks and since < _PAUSE:
+        if self._force is not None and breaks != self._breaks and since < _PAUSE:
             raise InvalidMessageError(
                 f"the arm was stopped meanwhile; send nothing for {_PAUSE} s, then again"
             )
