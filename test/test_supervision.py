@@ -3,10 +3,11 @@
 import itertools
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from arms import HOME, STILL, UR5, clik, dynamic_control
+from arms import HOME, STILL, UR5, clik, dynamic_control, robot_of
 from driven import DT, MS, Driver, moved, on_its_way, pose_of
 from samples import generator
 from tolerances import GUARD_ROUNDING, HELD, RELATIVE
@@ -539,6 +540,17 @@ def test_neither_a_reference_nor_a_resume_leads_out_of_a_runaway_or_a_defect():
         with pytest.raises(InvalidMessageError, match=text):
             arm.resume()
         assert arm.why.cause is cause
+
+
+def test_a_slow_joint_that_was_to_stop_does_not_run_away_below_a_tenth_of_a_rad_per_second():
+    robot = robot_of("ur5")
+    robot.limits = replace(robot.limits, velocity=np.full(6, 0.1))
+    arm = Driver(dynamic_control(robot=robot))
+    arm.halt()
+    for speed, mode in ((0.09, Mode.STOPPED), (0.11, Mode.RELEASING)):
+        arm.run(0.6)
+        arm.step(dq=np.full(6, speed))
+        assert arm.mode is mode
 
 
 def test_what_pushes_an_arm_that_was_to_stop_knows_no_limit_of_its_motion():

@@ -171,11 +171,11 @@ class Supervisor:
     def _see_runaway(self, limits: Array) -> None:
         """Release an arm with a joint that efforts have made too fast for its limit (n,)."""
         most = _SWINGING if self._halted > _HALTED else _RUNAWAY
-        fastest = np.maximum(most * limits, _SLOW)
+        fastest = most * limits
         if self.state.is_halted:  # what pushes it knows no limit of its motion
             robot = self.scheme.robot.limits.velocity
             fastest = np.minimum(np.maximum(fastest, _PUSHED), most * robot)
-        excess = np.abs(self.dq) - fastest
+        excess = np.abs(self.dq) - np.maximum(fastest, _SLOW)
         i = int(excess.argmax())
         if excess[i] > 0:
             fast = f"{self.scheme.robot.joints[i]} at {self.dq[i]:.3g} rad/s"
